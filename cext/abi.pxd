@@ -59,6 +59,7 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
     SCALE_MISMATCH = 21
     IMPLAUSIBLE = 22        # an impossible measurement
     UNCLEAR_POSE = 23       # a joint may be at another position than its drive reports
+    UNCOMMANDED_TORQUE = 30 # a drive produces torque that is not commanded
     PROGRAM_SILENT = 40     # the loop of a connected program takes too long
     SUSPENDED = 24          # the computer was suspended in the middle of the run
     TWO_DEVICES = 41        # two devices answer to one id
@@ -67,12 +68,12 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
 cdef enum: # return values of decode_t
     FOREIGN = 0             # not for this device
     TAKEN = 1               # a reply of this device
-    # of this device, but not a reply to a command: a report, or the reply of a drive that is not enabled yet
-    NOTED = 2
+    NOTED = 2               # of this device, but not a reply to a command: a report
     COMMANDED = 3           # a command to this device from another node
     TWIN = 4                # a reply of a second device with the same id
     PRESSED = 5             # a reply of this device with a request to end the run
     ANSWERED = 6            # a reply of this device without a sample, such as one to a query of its faults
+    IDLE = 7                # a reply of this device, which is not enabled: confirms no enabling
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
 
 cdef enum:
@@ -81,7 +82,7 @@ cdef enum:
 cdef enum:
     FRAME_BYTES = 64        # CAN FD
     FRAMES_PER_DEVICE = 4   # limit for encode_t
-    FRAMES_PER_BATCH = 12   # limit for a device in one round of arming or the safe stop
+    FRAMES_PER_BATCH = 16   # limit for a device in one round of arming or the safe stop
     FRAMES_PER_TICK = 64    # limit of received frames per bus and tick
 
 cdef enum: # Linux's struct can_frame: flags in the high bits of the identifier

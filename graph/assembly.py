@@ -325,6 +325,7 @@ class Assembly:
         def slot(name):
             return self.places[Signal(block, name)].slot if name in block.outputs else -1
 
+        moves = isinstance(block, Actuator)
         return DeviceSteps(
             name=block.path,
             bus=buses.index(block.bus),
@@ -335,7 +336,10 @@ class Assembly:
             age=slot("age"),
             fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1,
             timeout=block.timeout,
-            enable=tuple(block.enable_frames()),
+            ask=tuple(block.ask_frames()) if moves else (),
+            # a sensor may be set up, and a unit that is no actuator enabled, before the operator confirms
+            set_up=tuple(block.set_up_frames()) + (() if moves else tuple(block.enable_frames())),
+            enable=tuple(block.enable_frames()) if moves else (),
             zero=tuple(block.zero_frames()),
             disable=tuple(block.disable_frames()),
             damp=self.damped_stop(block),
@@ -349,6 +353,7 @@ class Assembly:
             if isinstance(block, Actuator) and "warning" in block.outputs
             else (),
             reads=tuple(block.read_frames()),
+            reports_enabled=block.reports_enabled,
             zeroing=self.zero_steps(block, slot),
             **self.switch_slots(block, slot),
             **self.ready_place(block),

@@ -283,6 +283,8 @@ class Device(Block):
     # memory keeps its value when the blocks are reset at the start of the run
     ready: str | None = None
     unanswered_frames: int = 0  # number of its disable_frames without a reply
+    # whether its replies contain whether it is enabled: `decode` then returns IDLE for those of a disabled drive
+    reports_enabled: bool = False
     hot: float | None = None
     hardware: tuple[str, ...] = ()
     address_hint: str = "give each device on a bus its own `can_id`"
@@ -344,12 +346,29 @@ class Device(Block):
         """Return the frames that it sends periodically, as (frequency in Hz, data bytes, is extended)."""
         return []
 
-    def enable_frames(self) -> Sequence[Frame]:
-        """Return the frames, (arbitration id, is extended, data), that enable the device without motion."""
+    def ask_frames(self) -> Sequence[Frame]:
+        """Return the frames, (arbitration id, is extended, data), to which the device replies without being enabled.
+
+        They are sent in every round of arming until the operator has confirmed. By default those that disable it, if
+        they have replies; for a device that needs no enabling, those of zero torque; otherwise none: then the state of
+        the device is unknown until it is enabled.
+        """
+        if len(self.disable_frames()) > self.unanswered_frames:
+            return self.disable_frames()
+        return [] if self.enable_frames() else self.zero_frames()
+
+    def set_up_frames(self) -> Sequence[Frame]:
+        """Return the frames that write settings and read them back, and do not enable the device."""
         return []
 
     def read_frames(self) -> Sequence[Frame]:
-        """Return the frames of `enable_frames` that only read."""
+        """Return the frames of `set_up_frames` that only read."""
+        return []
+
+    def enable_frames(self) -> Sequence[Frame]:
+        """Return the frames that enable the device without motion. An actuator gets them only after the confirmation of
+        the operator, and after its settings were read back.
+        """
         return []
 
     def zero_frames(self) -> Sequence[Frame]:

@@ -86,6 +86,8 @@ class DeviceSteps:
     age: int
     fault: int
     timeout: float
+    ask: tuple  # with replies, before it is enabled
+    set_up: tuple
     enable: tuple
     zero: tuple
     disable: tuple
@@ -97,7 +99,8 @@ class DeviceSteps:
     watch: WatchSteps | None = None
     warning: int = -1  # slot of the warning bits
     warnings: tuple = ()  # text of each bit
-    reads: tuple = ()  # frames of `enable` that only read
+    reads: tuple = ()  # frames of `set_up` that only read
+    reports_enabled: bool = False  # whether its replies contain whether it is enabled
     ready: int = -1  # slot that is not 0 after the settings are confirmed; -1: no confirmation
     ready_size: int = 0  # numbers from there on that keep their value when the blocks are reset
     disabled_slot: int = -1  # of the parameter, the input and the output of a drive that can be taken out

@@ -64,6 +64,9 @@ class Emulated:
         default=False,
         dtype=bool,
     )
+    stray_torque = Input(
+        "N·m", "torque that the drive produces and reports in addition to its law, also disabled", default=0.0
+    )
     torque = Output("N·m", "torque at the joint")
     enabled = Output("1", "whether the drive is enabled", dtype=bool)
     wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")
@@ -86,6 +89,7 @@ class Emulated:
         "stuck_encoder",
         "delay",
         "power_lost",
+        "stray_torque",
     )
 
     @classmethod

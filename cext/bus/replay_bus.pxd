@@ -26,6 +26,7 @@ cdef class ReplayClock:
     cdef readonly bint simulated
     cdef const int64_t *drained      # ns, of each time that the buses were drained before tick 0
     cdef int64_t drains
+    cdef readonly int64_t confirmed  # number of drains before the operator confirmed, -1 without
 
     cdef bint advance(self, int64_t *tick, int64_t *late) noexcept nogil
     cdef bint refilled(self) noexcept nogil

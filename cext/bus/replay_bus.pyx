@@ -81,11 +81,12 @@ cdef class ReplayClock:
         exception ends the run and is then raised by the executor
     simulated : whether a plant was connected to the buses; bus time is then the grid's, not the clock's
     drained : ns from the begin of the run, of each drain before tick 0
+    confirmed : number of drains before the operator confirmed; -1 for a run without a confirmation
     """
 
-    def __init__(self, refill, bint simulated, drained=()):
+    def __init__(self, refill, bint simulated, drained=(), confirmed=-1):
         before = np.ascontiguousarray(drained, dtype=np.int64)
-        self.refill, self.before, self.simulated = refill, before, simulated
+        self.refill, self.before, self.simulated, self.confirmed = refill, before, simulated, confirmed
         self.drained, self.drains = <const int64_t *><uintptr_t>before.ctypes.data, len(before)
 
     def give(self, ticks, late):

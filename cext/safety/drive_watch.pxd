@@ -29,7 +29,9 @@ cdef struct Watched:
     double full                      # full limit
     double left                      # fraction of it in the last tick
     int64_t reply_time               # ns, of the newest reply
-    bint out                         # it is not commanded, and nothing is checked
+    bint replied                     # it has replied in this run
+    bint out                         # it is taken out of the run: of its motion nothing is checked
+    bint stays_out                   # long enough that it must not produce torque
     bint off                         # its motion is not checked, and its checks start again afterwards
     Motion motion
     int mode

@@ -10,7 +10,7 @@
     silent       no action
 
     temperature  an event from `warm` on; from `derate` to `hot` the limit decreases to zero; at `hot` the run ends
-    motion       cext/safety/motion_watch.pxd
+    motion       cext/safety/motion_watch.pxd, from the first reply of a drive on
 
 The remaining fraction of a limit, and of stiffness and damping, is written to the drive's kernel before it encodes.
 """
@@ -21,9 +21,10 @@ from libc.string cimport memset
 
 from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
 from cext.safety.motion_watch cimport (
-    NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values,
+    NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_uncommanded, judge_values,
 )
 from cext.safety.event_template cimport EventTemplate
+from cext.safety.torque_watch cimport forget_uncommanded
 
 MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}
 ABOUT = {NOTHING: None, TEMPERATURE: "temperature", POSITION: "position", VELOCITY: "velocity", TORQUE: "torque"}
@@ -104,8 +105,10 @@ cdef class DriveWatch:
             drive.place = 0
             drive.left = 1.0
             drive.motion.about = NOTHING
-            drive.off = drive.out = False
+            drive.off = drive.out = drive.stays_out = drive.replied = False
+            drive.motion.early = drive.motion.free = False
             forget_motion(&drive.motion)
+            forget_uncommanded(&drive.motion.uncommanded)
 
     cdef uint64_t share(self, SharedLayout *page):
         """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
@@ -124,16 +127,16 @@ cdef class DriveWatch:
         return OK
 
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil:
-        """Check one drive.
-
-        Before the first tick, without a period, only implausible values and temperature are checked.
-        """
+        """Check one drive, from its first reply on."""
         cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
         cdef int status = OK
         drive.motion.beyond = False
+        if not drive.replied:
+            return OK
         if drive.out:
             forget_motion(&drive.motion)
-            return OK
+            return judge_uncommanded(&drive.motion, 0.0, arena[drive.torque], drive.reply_time) if (
+                drive.stays_out and drive.motion.position >= 0) else OK
         if drive.off:
             forget_motion(&drive.motion)
         else:

@@ -11,10 +11,13 @@
     not following   over 60 ms (exponential means) the sent law exceeds 10 % of the rated torque, and less than 20 % of
                     it is measured, for the law of this reply and of the previous one, in 4 replies in a row and for 50
                     ms: a fault
+    uncommanded     cext/safety/torque_watch.pxd: torque without a command: a fault
     scale           cext/safety/scale_watch.pxd: velocity against position, torque against the sent law: a fault
 
 The law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; for a current command, its torque.
-Before the first tick only implausible values are checked.
+All rules hold from the first reply of a drive on, with two exceptions. Until arming enables it, the operator may move the
+joint by hand: a position outside its range prevents arming, but is no fault. Before the first tick no stiffness or damping
+is sent, so that no acceleration is a fault.
 """
 
 from libc.math cimport NAN, fabs, isfinite, isinf
@@ -22,7 +25,7 @@ from libc.stdint cimport int64_t
 
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL,
-    SCALE_MISMATCH,
+    SCALE_MISMATCH, UNCOMMANDED_TORQUE,
 )
 from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond
 from cext.safety.scale_watch cimport ENDS, Scale, Way, compare, follow, forget_scale
@@ -31,6 +34,7 @@ from cext.safety.thresholds cimport (
     FOLLOWING_MEAN, FOLLOWING_MEASURED,
     OVERSPEED_REPLIES, TEMPERATURE_MINIMUM, TRAVEL_MARGIN,
 )
+from cext.safety.torque_watch cimport Uncommanded, is_uncommanded
 
 cdef enum:
     REPLY_STEP_LIMIT = 50000000         # ns between two replies that counts
@@ -50,7 +54,10 @@ cdef struct Motion:
     double limit, accuracy, rated       # N·m
     double offset                       # rad
     double position_end, velocity_end   # rad, rad/s, ends of the encoded range, infinite for none
+    bint early                          # before the first tick
+    bint free                           # arming has not enabled the drive yet
     int64_t reply_time                       # ns, of the newest checked reply; -1: none
+    Uncommanded uncommanded
     Acceleration acceleration
     Scale velocity_scale, torque_scale
     Way way
@@ -110,7 +117,7 @@ cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, doubl
     status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period)
     if status != OK:
         return status
-    if not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
+    if not m.free and not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
         return blame(m, OVER_TRAVEL, POSITION, position, m.low if position < m.low else m.high)
     m.fast = m.fast + 1 if fabs(velocity) > m.fastest else 0
     if m.fast >= OVERSPEED_REPLIES:
@@ -119,17 +126,26 @@ cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, doubl
     if status != OK:
         return status
     status = judge_velocity_scale(m, reply_time, position, velocity)
-    if status != OK or (m.law < 0 and m.current < 0):
+    if status != OK:
         return status
-    if arena[AUTHORITY] == 0.0:                                 # no command is sent
+    if m.early or arena[AUTHORITY] == 0.0:                      # no command is sent
         m.asked = m.given = m.given_before = m.wanted = 0.0
+        return judge_uncommanded(m, 0.0, arena[m.torque], reply_time)
+    if m.law < 0 and m.current < 0:
         return OK
     if m.law >= 0:
         wanted = arena[m.law + 2] * (arena[m.law] - position) + arena[m.law + 3] * (arena[m.law + 1]
             - velocity) + arena[m.law + 4]
     else:
         wanted = m.current_scale * arena[m.current]
-    return judge_following(m, wanted, arena[m.torque], elapsed)
+    status = judge_uncommanded(m, wanted, arena[m.torque], reply_time)
+    return status if status != OK else judge_following(m, wanted, arena[m.torque], elapsed)
+
+
+cdef inline int judge_uncommanded(Motion *m, double wanted, double torque, int64_t reply_time) noexcept nogil:
+    """Check that no torque is measured while none is commanded. wanted : N·m, the law that was sent"""
+    return blame(m, UNCOMMANDED_TORQUE, TORQUE, torque, 0.0) if is_uncommanded(
+        &m.uncommanded, wanted, torque, m.rated, reply_time) else OK
 
 
 cdef inline int judge_acceleration(
@@ -138,7 +154,7 @@ cdef inline int judge_acceleration(
     m.beyond = False
     if m.gains < 0:
         return OK
-    commanded = arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0
+    commanded = not m.early and (arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0)
     m.beyond = is_beyond(&m.acceleration, reply_time, velocity, period)
     persists = allow_gains(&m.acceleration, m.beyond, commanded, elapsed, period)
     m.beyond &= commanded

@@ -137,6 +137,12 @@ cpdef enum:
     FOLLOWING_FAULT = 50000000
     # replies: fewest replies in that time
     FOLLOWING_FAULT_REPLIES = 4
+    # %: measured torque, of the rated torque, that is a fault while no torque is commanded
+    UNCOMMANDED_TORQUE_LIMIT = 5
+    # ns: time with such a torque that is a fault; a quarter of the time without it is subtracted
+    UNCOMMANDED_TORQUE_TIME = 60000000
+    # replies: fewest replies in that time
+    UNCOMMANDED_TORQUE_REPLIES = 4
     # ns: duration of motion or torque over which two measurements of one quantity are compared
     SCALE_TIME = 1000000000
     # %: permitted difference of velocity from the rate of position, and of torque from current; a difference of 10

@@ -10,6 +10,9 @@ from cext.bus.replay_bus cimport ReplayClock
 from cext.schedule.tick cimport Tick
 from cext.schedule.watchdog cimport Watchdog
 
+cdef enum:
+    CUT = -3                    # in addition to the statuses of kernels: a signal or the reader ends the run
+
 cdef class Arming:
     cdef Program control, plant
     cdef SharedLayout *layout
@@ -28,6 +31,8 @@ cdef class Arming:
     cdef object permitted        # called before arming: whether the position of every joint is certain; or None
     cdef bint confirm            # whether arming needs a confirmation
     cdef int arm_slot            # slot of the input that confirms while it is held, or -1
+    cdef int64_t point           # grid point of the present round of arming
+    cdef int64_t rounds          # of arming so far: drains of the buses
     cdef bint released           # whether that input was inactive since the question
     cdef int64_t pressed         # ns, from when on it was active; -1 while it is not
     cdef int64_t late            # ns, of the previous tick
@@ -37,8 +42,12 @@ cdef class Arming:
     cdef void begin(self) noexcept nogil
     cdef int arm(self, double timeout) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
-    cdef int look_over(self, double timeout) noexcept nogil
-    cdef int look_over_again(self, int64_t drain) noexcept nogil
+    cdef int next_round(self) noexcept nogil
+    cdef int finish_round(self, bint set_up) noexcept nogil
+    cdef int close_relays(self) noexcept nogil
+    cdef int await_answers(self, double timeout, bint each) noexcept nogil
+    cdef int look_over(self) noexcept nogil
+    cdef int look_over_again(self) noexcept nogil
     cdef void forget_input(self) noexcept nogil
     cdef bint is_held(self) noexcept nogil
     cdef int call_answered(self) noexcept nogil

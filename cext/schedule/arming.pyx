@@ -2,15 +2,16 @@
 """Arming and halting of the executor.
 
     begin      set the zero of the run's time
-    arm        send enable and zero torque until every device has replied
-    look over  show the replies, and send zero torque until confirmation
+    arm        ask every device for its state until all have replied, without enabling an actuator
+    look over  show the replies, and ask for new ones until confirmation
+    enable     send enable and zero torque until every actuator has replied
     start      start blocks from the present measurement
     halt       raise the fence; send zero torque and disable until every device has confirmed
 """
 
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
+from cext.abi cimport NO_ANSWER, OK, PERIOD, PYTHON_ERROR, UNCLEAR_POSE
 from cext.schedule.devices cimport Blame
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes, record_request
@@ -38,58 +39,111 @@ cdef class Arming:
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:
-        """Send zero torque, one round a period, until every device has replied.
+        """Ask every device, wait for the operator, and enable the actuators. Returns OK also after a signal.
 
-        First close the relays and wait for the drives to start. A drive whose zero is set gets more time.
+        First close the relays and wait for the drives to start. Nothing enables an actuator before the operator has
+        confirmed, and before its settings were read back. Without an operator and a guardian, as in simulation, each is
+        enabled as soon as its settings were read back.
+
+        timeout : s for the replies to each of the phases. A drive whose zero is set gets more time
         """
-        cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.arming.start_time * self.pace.rate)
-        cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
-        cdef int64_t round, now
-        cdef int status = OK
+        cdef bint looked = self.answered is not None or (self.tape is not None and self.tape.confirmed >= 0)
+        cdef bint each = not looked and not self.control.devices.table.alone
+        cdef int status
         self.journal.attend(monotonic())
         self.journal.set_state(ARMING)
-        self.control.devices.arming.begin()
-        cdef int64_t zeroing = <int64_t>(1e-9 * ZERO_LIMIT * self.pace.rate)
-        for round in range(rounds + zeroing + 1 if self.control.devices.table.count else 0):
-            if round > rounds and not self.control.devices.arming.only_zeros_are_due():
-                break
-            self.now = now = self.pace.grid(round)
-            if not self.virtual:
-                self.pace.sleep_until(self.began + now)
-            if self.signals.caught[0] or not self.journal.make_room(False):
+        if self.control.devices.table.count == 0:
+            return OK
+        self.control.arena[PERIOD] = 1.0 / self.pace.rate
+        self.point, self.rounds = -1, 0
+        self.control.devices.arming.begin(looked)
+        if each:
+            self.control.devices.arming.enable_answered()
+        status = self.next_round()
+        if status == OK:
+            status = self.close_relays()
+        if status == OK:
+            status = self.await_answers(timeout, each)
+        if status == OK and not each:
+            if looked:
+                status = self.look_over_again() if self.answered is None else self.look_over()
+            if status == OK and looked:
+                self.control.devices.arming.ask_again()
+                status = self.await_answers(timeout, False)
+            if status == OK:
+                status = self.control.devices.arming.fitness()
+            if status == OK:
+                self.control.devices.arming.enable()
+                status = self.await_answers(timeout, False)
+        if status == OK and looked and self.control.devices.arming.was_unheard():
+            status = self.permission()                         # of a joint whose drive replies only when enabled
+        if status != OK:
+            return OK if status == CUT else status
+        self.control.devices.table.arming = False
+        self.first_tick = self.now                             # tick 0 begins with the replies just received
+        if self.layout != NULL:
+            self.layout.first_tick = self.now
+        self.body.set_clock(0, -1, 0)
+        return self.start_from_here()
+
+    cdef int next_round(self) noexcept nogil:
+        """Wait for the next round of arming, receive its replies, and check them.
+
+        Returns OK, CUT if a signal or the reader ends the run, or a fault.
+        """
+        cdef int status
+        if self.tape is not None and self.rounds < self.tape.drains:
+            self.now = self.tape.drained[self.rounds]
+        elif self.tape is not None:
+            self.now += self.pace.period
+        else:
+            self.point = self.next_point(self.point, 0)
+            self.now = self.pace.grid(self.point)
+        if not self.virtual:
+            self.pace.sleep_until(self.began + self.now)
+        if self.signals.caught[0] or not self.journal.make_room(False):
+            return CUT
+        self.rounds += 1
+        status = self.receive_while_arming()
+        return status if status != OK else self.control.devices.watch(self.now)
+
+    cdef int finish_round(self, bint set_up) noexcept nogil:
+        """Send the frames of a round, and advance the plant. set_up : as of DeviceArming.send"""
+        cdef int status = self.control.devices.arming.send(set_up, self.now)
+        return status if status != OK else self.body.advance_plant(self.now)
+
+    cdef int close_relays(self) noexcept nogil:
+        """Close the relays, and wait until the drives behind them have started."""
+        cdef int status = OK
+        while status == OK and self.now < self.control.devices.arming.start_time:
+            status = self.control.devices.arming.send_relays(self.now)
+            if status == OK:
+                status = self.body.advance_plant(self.now)
+            if status == OK:
+                status = self.next_round()
+        return status
+
+    cdef int await_answers(self, double timeout, bint each) noexcept nogil:
+        """Send the frames of this phase of arming, one round a period, until every device has replied.
+
+        each : whether a device that has answered is enabled although others have not
+        """
+        cdef int64_t allowed = <int64_t>(1e9 * min(timeout, 1e9)) + self.pace.period
+        cdef int64_t limit = self.now + allowed
+        cdef int status
+        while True:
+            if each and self.control.devices.arming.enable_answered():
+                limit = self.now + allowed
+            if self.control.devices.arming.all_answered():
                 return OK
-            status = self.journal.attend(monotonic())
+            if self.now > limit and not (
+                    self.now <= limit + ZERO_LIMIT and self.control.devices.arming.only_zeros_are_due()):
+                return NO_ANSWER
+            status = self.finish_round(True)
             if status == OK:
-                status = apply_changes(self.control.live, self.layout, -1, 0.0)
-            if status == OK:
-                status = self.control.devices.receive(now)
+                status = self.next_round()
             if status != OK:
                 return status
-            if round >= starting and self.control.devices.arming.all_answered():
-                if self.answered is not None:
-                    status = self.look_over(timeout)
-                    if status != OK or self.signals.caught[0]:
-                        return status
-                    now = self.now
-                elif self.tape is not None:
-                    status = self.look_over_again(round + 1)
-                    if status != OK:
-                        return status
-                    now = self.now
-                self.first_tick = now                              # tick 0 begins with the replies just received
-                if self.layout != NULL:
-                    self.layout.first_tick = now
-                self.body.set_clock(0, -1, 0)
-                return self.start_from_here()
-            if round < starting:
-                status = self.control.devices.arming.send_relays(now)
-            else:
-                status = self.control.devices.arming.send_batches(True, now)
-            if status == OK:
-                status = self.body.advance_plant(now)
-            if status != OK:
-                return status
-        return NO_ANSWER if self.control.devices.table.count else OK
 
     cdef int start_from_here(self) noexcept nogil:
         """Start the blocks; this may hang, as a tick may, and take longer."""
@@ -99,15 +153,11 @@ cdef class Arming:
         self.watchdog.end_work()
         return status
 
-    cdef int look_over(self, double timeout) noexcept nogil:
-        """Show the replies, then send zero torque until confirmation and one more time.
+    cdef int look_over(self) noexcept nogil:
+        """Show the replies, and ask for new ones until the operator confirms.
 
-        Leaves `now` at the begin of tick 0.
-
-        Every device must keep replying without a fault. Returns OK also after a signal.
+        Every device must keep replying without a fault. Returns OK, CUT or a fault.
         """
-        cdef int64_t point = self.pace.newest(self.now)
-        cdef int64_t remaining = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int status
         cdef bint confirmed = not self.confirm
         cdef int32_t consent = NO_CONSENT
@@ -115,41 +165,25 @@ cdef class Arming:
         status = self.call_answered()
         if status == OK and confirmed:
             status = self.permission()
-        self.control.devices.arming.expect_replies()
-        self.journal.set_state(READY)
+        if not confirmed:
+            self.journal.set_state(READY)
         self.forget_input()
-        while status == OK:
-            point = self.next_point(point, 0)
-            self.now = self.pace.grid(point)
-            if not self.virtual:
-                self.pace.sleep_until(self.began + self.now)
-            if self.signals.caught[0] or not self.journal.make_room(False):
-                return OK
-            status = self.receive_while_arming()
+        while status == OK and not confirmed:
+            status = self.finish_round(False)
             if status == OK:
-                status = self.control.devices.watch(self.now)
-            if status == OK and confirmed:
-                if self.control.devices.arming.all_answered():
-                    return OK
-                remaining -= 1
-                if remaining <= 0:
-                    return NO_ANSWER
-            if status == OK and not confirmed:
+                status = self.next_round()
+            if status == OK:
                 consent = self.journal.consent()
-            if status == OK and not confirmed and (consent != NO_CONSENT or self.is_held()):
+            if status == OK and (consent != NO_CONSENT or self.is_held()):
                 status = self.permission()
                 confirmed = status == OK
                 self.forget_input()
                 if confirmed and consent != NO_CONSENT:
                     record_request(self.layout, CONFIRM, consent, load_u64(&self.layout.operator.process), -1)
-                if confirmed:
-                    self.control.devices.arming.expect_replies()
-                elif status == UNCLEAR_POSE:
+                if status == UNCLEAR_POSE:
                     status = OK                                    # the operator may move the joint and confirm again
-            if status == OK:
-                status = self.control.devices.arming.send_batches(False, self.now)
-            if status == OK:
-                status = self.body.advance_plant(self.now)
+        if status == OK:
+            self.journal.set_state(ARMING)
         return status
 
     cdef void forget_input(self) noexcept nogil:
@@ -175,19 +209,13 @@ cdef class Arming:
         self.released = value <= 0.5                               # not NaN
         return False
 
-    cdef int look_over_again(self, int64_t drain) noexcept nogil:
-        """Repeat `look_over` of a recorded run, at its times. drain : number of earlier drains"""
+    cdef int look_over_again(self) noexcept nogil:
+        """Repeat `look_over` of a recorded run, at its times."""
         cdef int status = OK
-        while drain < self.tape.drains:
-            self.now = self.tape.drained[drain]
-            drain += 1
-            if not self.journal.make_room(False):
-                return OK
-            status = self.control.devices.receive(self.now)
-            if status == OK and drain < self.tape.drains:
-                status = self.control.devices.arming.send_batches(False, self.now)
-            if status != OK:
-                return status
+        while status == OK and self.rounds < self.tape.confirmed:
+            status = self.finish_round(False)
+            if status == OK:
+                status = self.next_round()
         return status
 
     cdef int call_answered(self) noexcept nogil:

@@ -1,5 +1,12 @@
 # cython: freethreading_compatible=True
-"""Arming of devices: enable and zero torque until each has replied, and has returned what arming writes to it."""
+"""Arming of devices, in two phases.
+
+    asking      the settings of a device are written and read back, its zero is set if arming requires it, and it is
+                asked for its state; nothing enables an actuator
+    enabling    enable and zero torque, until each actuator has replied as an enabled one
+
+The executor waits for the operator between the two; it may ask again before it enables.
+"""
 
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy
@@ -7,31 +14,29 @@ from libc.string cimport memcpy
 from cext.abi cimport FRAMES_PER_BATCH, OK
 from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.stop_confirmation cimport StopConfirmation
-from cext.safety.twins cimport forget_twins, note_questions
+from cext.safety.twins cimport forget_twins
 from cext.safety.zeroing cimport begin_rest
+from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_table cimport Device
-from cext.schedule.drive_zeroing cimport zero_while_arming
 from cext.schedule.relays cimport pump, pump_all
 
 
 cdef class DeviceArming:
     """Arming of the devices of one schedule. Its frames were encoded at compile time."""
 
-    def __init__(self, DeviceTable table, Buses buses, DeviceEvents events):
-        self.table, self.buses, self.events = table, buses, events
+    def __init__(self, DeviceTable table, Buses buses, DeviceEvents events, DriveSwitch switch):
+        self.table, self.buses, self.events, self.switch = table, buses, events, switch
         self.start_time = max((round(device.start_time * 1e9) for device in table.schedule.devices), default=0)
 
-    cdef void begin(self) noexcept nogil:
-        """Require every device to reply and to return what is written to it, even if it has before, as its power may
-        have been off.
+    cdef void begin(self, bint looked) noexcept nogil:
+        """Begin to ask every device, even if it has replied before, as its power may have been off.
+
+        looked : whether the operator looks at the replies: then every device must reply
         """
         cdef int number
         cdef Device *device
-        self.table.waiting = False
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            if device.ready >= 0:
-                self.table.arena[device.ready] = 0.0
             device.fades_from = -1
             if device.drive.disabled >= 0:
                 device.drive.state = OUT if self.table.arena[device.drive.disabled] > 0.5 else ACTIVE
@@ -41,20 +46,77 @@ cdef class DeviceArming:
             begin_rest(&device.zeroing, self.table.now)
             # frames of a stop were not counted
             forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH if self.table.stopping else 0)
-        self.expect_replies()
+            begin_asking(self.table, device, looked)
+        self.table.waiting = self.table.stopping = False
+        self.table.arming = True
 
-    cdef void expect_replies(self) noexcept nogil:
-        """Count replies to zero torque from now on."""
+    cdef void ask_again(self) noexcept nogil:
+        """Require the actuators to return what is written to them once more, as the operator may have taken his time."""
         cdef int number
+        for number in range(self.table.count):
+            if self.table.devices[number].zero.count > 0:
+                begin_asking(self.table, &self.table.devices[number], False)
+
+    cdef void enable(self) noexcept nogil:
+        """Enable every actuator from now on."""
+        cdef int number
+        for number in range(self.table.count):
+            begin_enabling(&self.table.devices[number])
+
+    cdef bint enable_answered(self) noexcept nogil:
+        """Enable the actuators that have answered. Returns whether there are any."""
+        cdef int number
+        cdef bint found = False
         cdef Device *device
-        self.table.stopping = False
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            device.replies = device.rounds = 0
-            device.replies_wanted = device.zero.count
-            if device.zero.count == 0 and device.timeout > 0.0:
-                # a sensor that sends by itself, and is checked for silence
-                device.replies_wanted = 1
+            if device.zero.count > 0 and not device.enabling and self.table.has_answered(device):
+                begin_enabling(device)
+                found = True
+        return found
+
+    cdef bint advance(self, int *status) noexcept nogil:
+        """Return whether every device is enabled. Enables them as soon as all have replied and may be commanded.
+
+        status : set to what prevents that
+        """
+        if not self.all_answered():
+            return False
+        if self.is_enabling():
+            return True
+        status[0] = self.fitness()
+        if status[0] == OK:
+            self.enable()
+        return status[0] == OK and self.all_answered()
+
+    cdef bint is_enabling(self) noexcept nogil:
+        """Return whether the last phase of arming has begun."""
+        cdef int number
+        for number in range(self.table.count):
+            if not self.table.devices[number].enabling:
+                return False
+        return True
+
+    cdef int fitness(self) noexcept nogil:
+        """Return OK, or why a drive would fault as soon as it is enabled."""
+        cdef int number, status
+        for number in range(self.table.count):
+            status = self.switch.limit_exceeded(number)
+            if status != OK and self.table.devices[number].drive.state == ACTIVE and (
+                    self.table.devices[number].answered):
+                self.table.failed = number
+                return status
+        return OK
+
+    cdef bint was_unheard(self) noexcept nogil:
+        """Return whether an actuator does not reply before it is enabled."""
+        cdef int number
+        cdef Device *device
+        for number in range(self.table.count):
+            device = &self.table.devices[number]
+            if device.drive.state == ACTIVE and device.zero.count > 0 and device.ask.count == 0:
+                return True
+        return False
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
@@ -77,9 +139,9 @@ cdef class DeviceArming:
         """Send frames only to the devices that hold relays, while the drives behind the relays start."""
         return pump_all(self.table, self.buses, now)
 
-    cdef int send_batches(self, bint enable, int64_t now) noexcept nogil:
-        """Send zero torque to every device, and enable to those that have not replied, if wanted."""
-        cdef int number, count
+    cdef int send(self, bint set_up, int64_t now) noexcept nogil:
+        """Send the frames of a round of arming. set_up : whether to write settings that are not read back yet"""
+        cdef int number
         cdef Device *device
         cdef int status = OK
         for number in range(self.table.count):
@@ -88,16 +150,7 @@ cdef class DeviceArming:
             if device.drive.state != ACTIVE:
                 status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
                 continue
-            if enable and not self.table.has_replied(device) and device.enable.count > 0:
-                if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
-                    status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, False)
-                    count += device.enable.count
-                device.rounds += 1
-            status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
-            if enable and zero_while_arming(self.table, self.events, number):
-                status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
-                count += device.set_zero.count
-            note_questions(&device.twins, count, now)
+            status |= send_round(self.table, self.buses, self.events, number, set_up, now)
             if device.relay > 0:
                 status |= pump(self.table, self.buses, device, now, False)
         return self.buses.status(status, False)

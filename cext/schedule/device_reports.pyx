@@ -41,6 +41,16 @@ cdef class DeviceReports:
             and self.table.arena[self.table.devices[index].ready] == 0.0]
 
     @property
+    def found_enabled(self) -> list[str]:
+        """Paths of the drives that replied as enabled ones before arming has enabled them."""
+        return [name for index, name in enumerate(self.names) if self.table.devices[index].was_enabled]
+
+    @property
+    def enabling(self) -> bool:
+        """Whether arming enables the actuators, or has enabled them."""
+        return self.table.count > 0 and self.table.devices[0].enabling
+
+    @property
     def unzeroed(self) -> list[str]:
         """Paths of the devices whose zero arming has not set, although they reply."""
         return [

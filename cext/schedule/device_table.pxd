@@ -24,6 +24,8 @@ cdef struct Device:
     int ready_size               # number of values from there that outlive the start of the blocks
     double ready_kept[READY_NUMBERS]
     double timeout               # s
+    Batch ask                    # with replies, and without enabling it
+    Batch set_up                 # writes and reads settings
     Batch enable
     Batch zero
     Batch disable
@@ -39,7 +41,10 @@ cdef struct Device:
     int64_t reply_time           # ns, arrival of the newest reply or sample
     int64_t asked                # ns of the newest command without a reply; -1: none
     Histogram *latency           # from a command to its reply; NULL in virtual time
-    bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: not a command if sent by another controller
+    bint only_reads[FRAMES_PER_BATCH]       # of the frames of set_up: not a command if sent by another controller
+    bint reports_enabled         # its replies contain whether it is enabled
+    bint enabling                # arming enables it, or has: replies of a disabled drive do not count
+    bint was_enabled             # it has replied as an enabled drive before arming has enabled it
     bint owed                    # the newest command has no reply yet
     int64_t missed               # commands without a reply before the next one
     int64_t replies
@@ -65,6 +70,7 @@ cdef class DeviceTable:
     cdef int64_t now             # ns since the begin of the run, of the newest drain
     cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
+    cdef bint arming             # until the blocks start
     cdef bint timed              # the replies are timed
     cdef bint alone              # no other node may command the devices
 

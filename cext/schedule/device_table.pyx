@@ -62,9 +62,12 @@ cdef class DeviceTable:
         device.ready, device.ready_size = entry.ready, entry.ready_size
         if entry.ready_size > READY_NUMBERS:
             raise ValueError(f"{entry.name}: at most {READY_NUMBERS} values outlive the start, not {entry.ready_size}")
-        load_batch(&device.enable, entry.enable)
-        for place, frame in enumerate(entry.enable):
+        device.reports_enabled = entry.reports_enabled
+        load_batch(&device.ask, entry.ask)
+        load_batch(&device.set_up, entry.set_up)
+        for place, frame in enumerate(entry.set_up):
             device.only_reads[place] = frame in entry.reads
+        load_batch(&device.enable, entry.enable)
         load_batch(&device.zero, entry.zero)
         load_batch(&device.disable, entry.disable)
         device.unanswered = entry.unanswered
@@ -113,8 +116,10 @@ cdef class DeviceTable:
         cdef Device *device
         self.now = 0
         self.failed = -1
+        self.waiting = self.stopping = self.arming = False
         for index in range(self.count):
             device = &self.devices[index]
+            device.enabling = device.was_enabled = False
             forget_zero(&device.zeroing)
             forget_state(&device.drive, self.arena)
             forget_twins(&device.twins, 0, 0)
@@ -136,4 +141,4 @@ cdef class DeviceTable:
         if self.stopping:
             return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
         return device.drive.state == OUT or (
-            self.has_replied(device) and not device.zeroing.due and device.twins.surplus < 2.0)
+            self.has_replied(device) and (device.enabling or not device.zeroing.due) and device.twins.surplus < 2.0)

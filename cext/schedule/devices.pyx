@@ -14,8 +14,8 @@ from libc.string cimport memset
 
 from cext.abi cimport (
     ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
-    TWO_DEVICES,
+    FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, IDLE, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN,
+    TICK, TWO_DEVICES,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -25,9 +25,10 @@ from cext.safety.drive_watch cimport Watched
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
-from cext.safety.thresholds cimport FADE_IN
+from cext.safety.thresholds cimport FADE_IN, STOP_LIMIT
 from cext.safety.twins cimport forget_twins, note_answer, note_questions
 from cext.safety.zeroing cimport note_command, note_position
+from cext.schedule.arming_round cimport counts
 from cext.schedule.drive_zeroing cimport add_zero, end_zeroing
 from cext.schedule.foreign_commands cimport commanded_device, may_be_reply
 from cext.schedule.live cimport LiveTable
@@ -53,7 +54,7 @@ cdef class Devices:
         self.warnings = DriveWarnings(schedule)
         self.events = DeviceEvents(schedule.devices)
         self.switch = DriveSwitch(self.table, self.buses, self.drives, self.events, live)
-        self.arming = DeviceArming(self.table, self.buses, self.events)
+        self.arming = DeviceArming(self.table, self.buses, self.events, self.switch)
         self.stop = SafeStop(self.table, self.buses)
         self.reports = DeviceReports(self.table, self.buses, self.drives)
         self.fade = FADE_IN * 1e-9
@@ -168,11 +169,13 @@ cdef class Devices:
                 answer = TAKEN
             if answer == ANSWERED:
                 device.owed, device.asked = False, -1
-            elif answer == TAKEN:
+            elif answer == TAKEN or answer == IDLE:
                 if device.doubtful and self.table.alone:     # a reply under its own id: the other frame was a command
                     self.table.failed = number
                     status[0] = FOREIGN_COMMAND
-                note_reply(device, frame, <int64_t>arena[TICK])
+                device.was_enabled |= answer == TAKEN and self.table.arming and not device.enabling and (
+                    device.reports_enabled)
+                note_reply(device, frame, counts(device, answer), <int64_t>arena[TICK])
             elif answer == MALFORMED:
                 device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                 device.rejected_id = frame.data[0] if frame.length > 0 else -1
@@ -213,7 +216,7 @@ cdef class Devices:
     cdef bint is_unconfigured(self, const Device *device) noexcept nogil:
         """Return whether a sensor that has lost its settings may provide no samples before the next arming writes them.
         """
-        return self.table.waiting and device.zero.count == 0 and device.enable.count > 0
+        return self.table.waiting and device.zero.count == 0 and device.set_up.count > 0
 
     cdef int watch(self, int64_t now) noexcept nogil:
         """Check every device for silence, faults and temperature. Returns OK or the fault."""
@@ -225,6 +228,8 @@ cdef class Devices:
             device = &self.table.devices[number]
             if device.drive.state != ACTIVE:
                 continue
+            if self.table.arming and not (device.answered and self.table.has_replied(device)):
+                continue                                     # arming waits for it
             if (device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout
                     and not device.zeroing.runs                  # a drive may be silent for a second after that frame
                     and not self.is_unconfigured(device)):
@@ -240,6 +245,10 @@ cdef class Devices:
             watched.reply_time = device.reply_time
             watched.off = device.zeroing.runs
             watched.out = device.drive.state != ACTIVE
+            watched.stays_out = device.drive.state >= OUT and now - device.drive.since > STOP_LIMIT
+            watched.replied = device.answered
+            watched.motion.early = self.table.arming
+            watched.motion.free = self.table.arming and not device.enabling
         status = self.drives.look(arena, <int64_t>arena[TICK], arena[DT])
         if status != OK:
             self.table.failed = self.drives.failed
@@ -335,12 +344,12 @@ cdef class Devices:
                 device.asked = sent
 
 
-cdef inline void note_reply(Device *device, const Frame *frame, int64_t tick) noexcept nogil:
-    """Note a reply or sample."""
+cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick) noexcept nogil:
+    """Note a reply or sample. counts : whether it is one that arming waits for"""
     device.owed = device.doubtful = False
     device.answered = True
     device.reply_time = frame.time
-    device.replies += 1
+    device.replies += counts
     if device.asked >= 0:
         add(device.latency, frame.time - device.asked, tick)
         device.asked = -1

@@ -25,5 +25,5 @@ cdef class DriveSwitch:
     cdef void disable_again(self, int number) noexcept nogil
     cdef bint is_fit(self, int number) noexcept nogil
     cdef int permission(self, int number) noexcept nogil
-    cdef bint is_within_limits(self, int number) noexcept nogil
+    cdef int limit_exceeded(self, int number) noexcept nogil
     cdef int send(self, int64_t now) noexcept nogil

@@ -1,10 +1,12 @@
 # cython: freethreading_compatible=True
 """Drives that are taken out of a run, and armed again. The states are in cext.safety.drive_state."""
 
-from libc.math cimport fabs, isfinite
+from libc.math cimport NAN, fabs, isfinite
 from libc.stdint cimport int64_t
 
-from cext.abi cimport HUNG, OK, PERIOD, POWER_LOSS, TICK, UNCLEAR_POSE
+from cext.abi cimport (
+    HUNG, IMPLAUSIBLE, OK, OVERSPEED, OVER_TRAVEL, PERIOD, POWER_LOSS, TICK, TOO_HOT, UNCLEAR_POSE,
+)
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
@@ -12,9 +14,10 @@ from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.shared_state cimport set_out
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
+from cext.safety.motion_watch cimport POSITION, VELOCITY, blame
 from cext.safety.zeroing cimport begin_rest
+from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_events cimport NOT_RETURNED, NOT_STOPPED, RETURNED, STOPPED, TAKEN_OUT
-from cext.schedule.drive_zeroing cimport zero_while_arming
 from cext.schedule.handover cimport acquire, release
 from cext.schedule.safe_stop cimport ask
 
@@ -56,20 +59,22 @@ cdef class DriveSwitch:
             self.judge_out(number, passed)
         elif device.drive.state == OUT:
             enter(&device.drive, RETURNING, now)
-            if device.ready >= 0:
-                arena[device.ready] = 0.0
-            device.replies = device.rounds = 0
-            device.replies_wanted = device.zero.count
+            begin_asking(self.table, device, True)
             begin_rest(&device.zeroing, now)
         elif device.drive.state == RETURNING and disabled:
             self.begin_out(number)
         elif device.drive.state == RETURNING and passed < RETURN_DELAY:
             device.replies = 0                                   # to the disable
         elif device.drive.state == RETURNING:
-            permitted = self.permission(number)
+            if device.enabling or device.ask.count > 0:
+                permitted = self.permission(number)
+            else:                                                # it replies only once it is enabled
+                permitted = OK if self.table.has_answered(device) else UNCLEAR_POSE
             if permitted == HUNG:
                 return HUNG
-            if permitted == OK:
+            if permitted == OK and not device.enabling:
+                begin_enabling(device)
+            elif permitted == OK:
                 enter(&device.drive, ACTIVE, now)
                 device.fades_from = <int64_t>arena[TICK]
                 device.drive.returned += 1
@@ -131,7 +136,7 @@ cdef class DriveSwitch:
             return False
         if device.fault >= 0 and self.table.arena[device.fault] != 0.0:
             return False
-        return self.is_within_limits(number)
+        return self.limit_exceeded(number) == OK
 
     cdef int permission(self, int number) noexcept nogil:
         """Return OK if a drive may be commanded again, UNCLEAR_POSE if not yet, or HUNG without the devices.
@@ -153,9 +158,9 @@ cdef class DriveSwitch:
                 pass
         return permitted if acquire(self.handover) else HUNG
 
-    cdef bint is_within_limits(self, int number) noexcept nogil:
-        """Return whether temperature, position and velocity of a drive are within their limits."""
-        cdef const Watched *watched
+    cdef int limit_exceeded(self, int number) noexcept nogil:
+        """Return OK, or which limit a drive exceeds: of temperature, position or velocity."""
+        cdef Watched *watched
         cdef const double *arena = self.table.arena
         cdef double position
         cdef int place
@@ -164,16 +169,20 @@ cdef class DriveSwitch:
             if watched.device != number:
                 continue
             if watched.temperature >= 0 and arena[watched.temperature] >= watched.hot:
-                return False
+                return TOO_HOT
             if watched.motion.position < 0:
                 continue
             position = arena[watched.motion.position]
-            if not isfinite(position) or not (watched.motion.low - 1e-3 * TRAVEL_MARGIN <= position
+            if not isfinite(position):
+                return blame(&watched.motion, IMPLAUSIBLE, POSITION, position, NAN)
+            if not (watched.motion.low - 1e-3 * TRAVEL_MARGIN <= position
                     <= watched.motion.high + 1e-3 * TRAVEL_MARGIN):
-                return False
+                return blame(&watched.motion, OVER_TRAVEL, POSITION, position,
+                    watched.motion.low if position < watched.motion.low else watched.motion.high)
             if watched.motion.velocity >= 0 and not fabs(arena[watched.motion.velocity]) <= watched.motion.fastest:
-                return False
-        return True
+                return blame(
+                    &watched.motion, OVERSPEED, VELOCITY, arena[watched.motion.velocity], watched.motion.fastest)
+        return OK
 
     cdef int send(self, int64_t now) noexcept nogil:
         """Send the frames of the drives that are taken out or return.
@@ -200,11 +209,5 @@ cdef class DriveSwitch:
                 if device.confirmation != NULL:
                     status |= ask(device, self.buses, now, device.drive.unconfirmed, False)
             elif device.drive.state == RETURNING and now - device.drive.since >= RETURN_DELAY:
-                if not self.table.has_replied(device) and device.enable.count > 0:
-                    if device.rounds % device.enable.count == 0:
-                        status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, False)
-                    device.rounds += 1
-                status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
-                if zero_while_arming(self.table, self.events, number):
-                    status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
+                status |= send_round(self.table, self.buses, self.events, number, True, now)
         return self.buses.status(status, False)

@@ -1,8 +1,9 @@
 # cython: freethreading_compatible=True
 """Executor: one thread, one clock, and the life cycle of a run.
 
-    arming     enable and zero torque until every device has replied
-    ready      the replies are shown; zero torque until confirmation
+    arming     every device is asked for its state, until all have replied
+    ready      the replies are shown; nothing is enabled before the confirmation
+    arming     enable and zero torque until every actuator has replied
     settle     blocks start from the present measurement, without a step in their outputs
     running    the tick, at absolute deadlines on the grid
     stopping   the fence is raised; zero torque and disable until every device has confirmed
@@ -116,8 +117,7 @@ cdef class Executor(Waiting):
         fade : s, over which commands increase to full size after arming
         arming_timeout : s, in which every device must reply
         stopping_timeout : s, after which the safe stop no longer waits for confirmations
-        answered : called once, when every device has replied; it should take a few ms at most. Zero torque continues
-            for at least a round
+        answered : called once, when every device has replied; it should take a few ms at most
         confirm : with `answered`, wait for a confirmation by the operator, or by the input of `arm_slot`
         arm_slot : slot of the arena with an output of a device, such as a button: held for ARM_HOLD, it confirms. -1
             for none
@@ -293,6 +293,11 @@ cdef class Executor(Waiting):
     def failed(self) -> bool:
         """Whether `advance` has ended in a fault."""
         return self.status != OK
+
+    @property
+    def arming_rounds(self) -> int:
+        """Number of rounds of arming so far, each with a drain of the buses."""
+        return self.rounds
 
     @property
     def rows(self) -> int:

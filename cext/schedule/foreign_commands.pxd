@@ -23,7 +23,8 @@ cdef inline int commanded_device(DeviceTable table, const Frame *frame) noexcept
         device = &table.devices[number]
         if device.bus == frame.bus and (
                 is_like(&device.zero, frame, NULL) or is_like(&device.disable, frame, NULL)
-                or is_like(&device.enable, frame, device.only_reads)):
+                or is_like(&device.ask, frame, NULL) or is_like(&device.enable, frame, NULL)
+                or is_like(&device.set_up, frame, device.only_reads)):
             return number
     return -1
 
@@ -32,7 +33,8 @@ cdef inline bint may_be_reply(const Device *device, const Frame *frame) noexcept
     """Return whether a frame with the id and length of own commands may be the drive's reply with another id or length.
     """
     return (device.owed or not device.answered) and not (
-        is_same(&device.zero, frame) or is_same(&device.disable, frame) or is_same(&device.enable, frame))
+        is_same(&device.zero, frame) or is_same(&device.disable, frame) or is_same(&device.ask, frame)
+        or is_same(&device.enable, frame) or is_same(&device.set_up, frame))
 
 
 cdef inline bint is_like(const Batch *batch, const Frame *frame, const bint *left_out) noexcept nogil:

@@ -12,7 +12,7 @@ from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
     NO_ANSWER, NOT_FINITE,
     NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, SUSPENDED,
-    TOO_HOT, UNGUARDED,
+    TOO_HOT, UNCOMMANDED_TORQUE, UNGUARDED,
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
@@ -63,7 +63,8 @@ cdef class Waiting(Arming):
         return self.tick >= 0 and not self.signals.caught[0] and (
             status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP,
                 RMS_TORQUE, TOO_HOT,
-                       BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE)
+                       BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE,
+                       UNCOMMANDED_TORQUE)
             or status >= FIRST_OWN_STATUS)
 
     cdef object outcome(self, int status, tuple unanswered=()):
@@ -240,15 +241,16 @@ cdef class Waiting(Arming):
             self.tick = tick
             status = self.receive_while_arming()
             if round == 0:
-                self.control.devices.arming.begin()                # later replies are to the disabling
-            elif status == OK and self.control.devices.arming.all_answered():
-                status = self.control.devices.watch(self.now)
-                if status == OK:
-                    self.armed, self.previous, self.late = tick, tick - 1, 0
-                    self.body.set_clock(tick, tick - 1, 0)
-                    return self.start_from_here()
+                self.control.devices.arming.begin(False)           # later replies are to the disabling
             if status == OK:
-                status = self.control.devices.arming.send_batches(True, self.now)
+                status = self.control.devices.watch(self.now)
+            if status == OK and self.control.devices.arming.advance(&status):
+                self.control.devices.table.arming = False
+                self.armed, self.previous, self.late = tick, tick - 1, 0
+                self.body.set_clock(tick, tick - 1, 0)
+                return self.start_from_here()
+            if status == OK:
+                status = self.control.devices.arming.send(True, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
             if status != OK:

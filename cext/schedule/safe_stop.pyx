@@ -29,7 +29,7 @@ cdef class SafeStop:
         cdef int number
         cdef Device *device
         self.due = self.pace = 0
-        self.table.stopping = True
+        self.table.stopping, self.table.arming = True, False
         for number in range(self.table.count):
             device = &self.table.devices[number]
             device.zeroing.runs = False

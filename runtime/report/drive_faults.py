@@ -59,6 +59,13 @@ def _not_following(block: Any, about: str, value: float, bound: float) -> str:
     )
 
 
+def _uncommanded_torque(block: Any, about: str, value: float, bound: float) -> str:
+    return (
+        f"the drive measures {value:.3g} N·m, but no torque is commanded. Cut its power. Then find out which program "
+        "commands the drive, or in which mode it starts"
+    )
+
+
 def _scale_mismatch(block: Any, about: str, value: float, bound: float) -> str:
     if about == "velocity":
         if value < 0.0:
@@ -107,6 +114,7 @@ WORDS = {
     "over-travel": _over_travel,
     "overspeed": _overspeed,
     "not following": _not_following,
+    "uncommanded torque": _uncommanded_torque,
     "scale mismatch": _scale_mismatch,
     "implausible": _implausible,
 }

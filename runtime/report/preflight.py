@@ -73,7 +73,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     return [
         row["device"],
         f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}",
-        "taken out" if row.get("taken_out") else "yes" if row["answered"] else "no",
+        "taken out" if row.get("taken_out") else "yes" if row["answered"] else "not yet",
         marked("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
         marked("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
         number("velocity", 2, "rad/s"),
@@ -86,6 +86,8 @@ def standing(row: dict[str, Any]) -> str:
     """Return the constant properties of a device: torque limit, own time-out, safe stop, settings that differ."""
     limit = row["limit_words"] or ("" if row["limit"] is None else f"limit {row['limit']:g} N·m")
     words = [f"{limit} !" if "limit" in row["marks"] else limit] if limit else []
+    words += ["found enabled, and disabled"] if row.get("found_enabled") else []
+    words += [row[key] for key in ("enabling", "read_back") if row.get(key)]
     if row["stop"] != "nothing to stop":
         words.append(
             "own time-out: unknown" if row["own_timeout"] is None else f"own time-out: {row['own_timeout'] * 1e3:g} ms"

@@ -10,6 +10,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
+from cext.safety.thresholds import TRAVEL_MARGIN
 from graph import Actuator, Device
 from graph.names import suggestion
 from graph.signal import Signal
@@ -91,17 +92,20 @@ class Poses:
             )
         return place.slot + int(index or 0)
 
-    def look(self, values: Sequence[float] | np.ndarray, *, first: bool = True) -> dict[str, str]:
+    def look(
+        self, values: Sequence[float] | np.ndarray, *, first: bool = True, unheard: Sequence[str] = ()
+    ) -> dict[str, str]:
         """Return {path: reason not to arm}; without the joints whose drives are taken out.
 
         values : the arena
         first : whether the robot is armed for the first time in this run, in which no power cycle can have shifted the
             reading of a drive whose zero arming has set
+        unheard : paths of joints whose drives have not replied yet, which are left out
         """
         reasons = {
             block.path: self._reason(block, values, first)
             for block in self.joints
-            if "active" not in block.outputs or self._value(block, "active", values)
+            if block.path not in unheard and ("active" not in block.outputs or self._value(block, "active", values))
         }
         self.refusals = {path: why for path, why in reasons.items() if why}
         return self.refusals
@@ -134,7 +138,7 @@ class Poses:
 def _bounds(block):
     """Return the lowest and the highest reading in rad at which the range of a joint permits arming."""
     low, high = block.range
-    margin = max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM)
+    margin = min(max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM), 1e-3 * TRAVEL_MARGIN)
     return low - margin, high + margin
 
 

@@ -49,6 +49,7 @@ class Preflight:
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
+        self.unheard = [block.path for block in self.devices if isinstance(block, Actuator) and not block.ask_frames()]
 
     def bus(self, name: str, interfaces: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
         """Return the row of a bus: its interface, load (share of the bitrate) and covered failures."""
@@ -63,10 +64,14 @@ class Preflight:
             "coverage": coverage([block for block in self.devices if block.bus == name], self.devices),
         }
 
-    def event(self, values: np.ndarray) -> dict[str, Any]:
-        """Return the table as an event. values : the arena"""
-        refusals = {} if self.poses is None else self.poses.look(values)
-        rows = [self.row(block, values) for block in self.devices]
+    def event(self, values: np.ndarray, found_enabled: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the table as an event.
+
+        values : the arena
+        found_enabled : paths of the drives that another program has left enabled
+        """
+        refusals = {} if self.poses is None else self.poses.look(values, unheard=self.unheard)
+        rows = [self.row(block, values) | {"found_enabled": block.path in found_enabled} for block in self.devices]
         for row in rows:
             if row["device"] in refusals:
                 row["marks"].setdefault("position", "in doubt")
@@ -89,7 +94,10 @@ class Preflight:
             place = self.schedule.signals.get(Signal(block, name).path) if name in block.outputs else None
             return None if place is None or place.size != 1 else float(values[place.slot])
 
-        sample = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
+        heard = block.path not in self.unheard
+        sample = {
+            name: measured(name) if heard else None for name in ("age", "position", "velocity", "temperature", "fault")
+        }
         if sample["temperature"] is not None and sample["temperature"] != sample["temperature"]:
             sample["temperature"] = None  # NaN: the replies of this drive carry no temperature
         span = position_range(block)
@@ -101,7 +109,9 @@ class Preflight:
             "device": block.path,
             "bus": block.bus,
             "ids": block.displayed_addresses(),
-            "answered": True,
+            "answered": heard,
+            "enabling": enabling_of(block),
+            "read_back": read_back_of(block),
             "taken_out": measured("active") == 0.0,
             **sample,
             "low": span[0],
@@ -115,6 +125,23 @@ class Preflight:
         }
         caveats = [caveat.words for caveat in self.schedule.caveats if caveat.path == block.path]
         return row | {"marks": marks(row, block) | ({"limit": "; ".join(caveats)} if caveats else {})}
+
+
+def enabling_of(block: Device) -> str:
+    """Return a text on an actuator that differs from others in how it is enabled, else ""."""
+    if not isinstance(block, Actuator):
+        return ""
+    if not block.ask_frames():
+        return "reports its state only once it is enabled"
+    return "" if block.enable_frames() else "no separate enabling: it obeys commands from power-up"
+
+
+def read_back_of(block: Device) -> str:
+    """Return a text on the settings of an actuator that arming reads back."""
+    if not isinstance(block, Actuator):
+        return ""
+    count = len(block.read_frames())
+    return f"{count} settings read back" if count else "settings not read back"
 
 
 def position_range(block: Device) -> tuple[float | None, float | None]:

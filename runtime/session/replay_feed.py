@@ -46,8 +46,9 @@ class Feed:
         self.batches = trial.batches()
         self.receive, self.is_over, self.tick = receive, False, -1
         first = next(self.batches)
+        confirmed = next((event["drains"] for event in trial.events if event["event"] == "confirmed"), -1)
         self.clock = ReplayClock(
-            self.refill, trial.about["simulated"], drained_before(first.frames, trial.about["rate"])
+            self.refill, trial.about["simulated"], drained_before(first.frames, trial.about["rate"]), confirmed
         )
         self.give(first)
 

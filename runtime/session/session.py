@@ -189,7 +189,8 @@ class Session:
         )
 
         def show() -> None:
-            event = table.event(control.values) | ({"question": page.question} if table.confirm else {})
+            event = table.event(control.values, control.reports.found_enabled)
+            event |= {"question": page.question} if table.confirm else {}
             page.push(RECORD_EVENT, json.dumps(event).encode())
 
         def permitted() -> bool:
@@ -197,7 +198,13 @@ class Session:
 
             If one is not, the table is printed again.
             """
-            if poses is None or not poses.look(control.values, first=page.state != "waiting"):
+            enabling = control.reports.enabling
+            unheard = () if enabling else table.unheard
+            if poses is None or not poses.look(control.values, first=page.state != "waiting", unheard=unheard):
+                if page.state != "waiting" and not enabling:  # the replay enables the drives in the same round
+                    page.push(
+                        RECORD_EVENT, json.dumps({"event": "confirmed", "drains": self.executor.arming_rounds}).encode()
+                    )
                 return True
             if page.state == "ready":
                 show()

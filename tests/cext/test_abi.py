@@ -3,8 +3,10 @@ refused.
 """
 
 import ctypes
+import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -203,3 +205,10 @@ def test_a_kernel_written_in_c_and_loaded_with_ctypes_runs(tmp_path):
         Twice(name="t")(Sine(name="s").y)
     outcome, rig = run(diagram, 20)
     assert outcome.status == "ok" and rig["t.y"].tolist() == [2.0 * value for value in rig["s.y"]]
+
+
+def test_every_status_has_its_own_number():
+    text = (Path(__file__).resolve().parents[2] / "cext/abi.pxd").read_text()
+    block = text.split("return values of a kernel")[1].split("cdef enum")[0]
+    numbers = [int(number) for number in re.findall(r"^    [A-Z_]+ = (\d+)", block, re.MULTILINE)]
+    assert len(numbers) > 20 and len(numbers) == len(set(numbers))

@@ -9,7 +9,18 @@ import pytest
 
 from tests.hardware.drives import Drives, is_answer
 from tests.hardware.vcan import ERROR, Node, needs_vcan
-from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, TORQUE_STEP, Files, finished, started, torque_of
+from tests.runtime.runs import (
+    DISABLE,
+    ENABLE,
+    KNEE_EXO,
+    NOTHING,
+    TORQUE_STEP,
+    Files,
+    after_asking,
+    finished,
+    started,
+    torque_of,
+)
 
 pytestmark = [needs_vcan, pytest.mark.soak]
 RIG = """\
@@ -69,7 +80,7 @@ def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
     assert "zero torque, then disable: confirmed by left/knee, right/knee" in process.stdout
     files = Files(tmp_path / "out")
     for identifier in MOTORS:
-        said = commands(frames, identifier)
+        said = after_asking(commands(frames, identifier))
         assert said[:2] == [ENABLE, NOTHING] and said[-2:] == [NOTHING, DISABLE]
         assert said == files.sent(identifier)
         torques = [torque_of(data) for data in said if data not in (ENABLE, DISABLE)]
@@ -111,7 +122,7 @@ def test_drives_that_lose_power_end_the_run_in_the_safe_stop(rig, tmp_path):
     )
     assert "NOT confirmed by left/knee, right/knee" in out
     for identifier in MOTORS:
-        said = commands(frames, identifier)
+        said = after_asking(commands(frames, identifier))
         stop = said[said.index(DISABLE) - 1 :]
         assert len(stop) > 10 and set(stop) == {NOTHING, DISABLE}  # again and again, as nobody confirms
 

@@ -2,6 +2,7 @@
 
 import atexit
 import functools
+import itertools
 import json
 import os
 import queue
@@ -249,7 +250,12 @@ class Files:
 
     def sent(self, can_id):
         """Data of the frames that we sent to one id, in their order."""
-        return [data for _, _, identifier, data, ours in self.frames if ours and identifier == can_id]
+        return after_asking([data for _, _, identifier, data, ours in self.frames if ours and identifier == can_id])
+
+
+def after_asking(sent):
+    """Data sent to a drive in MIT mode, without those with which arming asks it before it is enabled."""
+    return list(itertools.dropwhile(lambda data: data == DISABLE, sent))
 
 
 def torque_of(data):

@@ -44,6 +44,7 @@ class EmulatedCubeMars(Emulated, Device):
         stuck_encoder: Operand = ...,
         delay: Operand = ...,
         power_lost: Operand = ...,
+        stray_torque: Operand = ...,
     ) -> Outputs: ...
     @classmethod
     def of(cls, actuator: Any, **parameters: Any) -> EmulatedCubeMars: ...

@@ -63,6 +63,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
         stuck_encoder: Operand = ...,
         delay: Operand = ...,
         power_lost: Operand = ...,
+        stray_torque: Operand = ...,
     ) -> Outputs: ...
     def addresses(self) -> list[tuple[int, bool]]: ...
 class EmulatedCubeMarsServo(Emulated, Device):
@@ -110,6 +111,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
         stuck_encoder: Operand = ...,
         delay: Operand = ...,
         power_lost: Operand = ...,
+        stray_torque: Operand = ...,
     ) -> Outputs: ...
     @classmethod
     def of(cls, actuator: Any, **parameters: Any) -> EmulatedCubeMarsServo: ...

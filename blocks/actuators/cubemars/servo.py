@@ -289,6 +289,10 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         """Return a command of zero current in every mode: a duty of zero would short the motor and brake it."""
         return [frames.amperes(frames.CURRENT, 0.0, self.can_id)]
 
+    def ask_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the disable, or the command of zero current of a board without it."""
+        return self.disable_frames()
+
     def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.DISABLE, self.can_id)] if self.spec.generation >= 3 else self.zero_frames()
 

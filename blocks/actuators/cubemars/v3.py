@@ -161,6 +161,10 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     def traffic(self) -> list[tuple[int, bool]]:
         return [(8, True)] * (1 + self.reports_a_tick)
 
+    def ask_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the disable, which a drive without periodic reports answers."""
+        return self.disable_frames()
+
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.FORCE, self.can_id, ENABLE)] if self.enter else []
 

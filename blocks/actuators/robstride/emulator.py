@@ -1,6 +1,7 @@
 """Emulated RobStride drive with the private protocol."""
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from blocks.actuators.emulated import Emulated
@@ -11,6 +12,12 @@ from graph import Device, Memory, Param
 LOC_KP, SPD_KP, VBUS = 0x701E, 0x701F, 0x701C
 POSITION_GAIN = 30.0  # 1/s, as the manual prints it
 VELOCITY_GAIN = 5.0  # N·m·s/rad, assumed: the vendor's is tuned to its motor
+
+
+def ignored_of(names: Iterable[str]) -> tuple[float, ...]:
+    """Return 1 for each parameter from 0x7000 on whose name is given, else 0. Raises ValueError for an unknown name."""
+    places = {parameters.find(name).index & 63 for name in names}
+    return tuple(float(place in places) for place in range(64))
 
 
 class EmulatedRobStride(Emulated, Device):
@@ -34,8 +41,18 @@ class EmulatedRobStride(Emulated, Device):
     )
     gains = Param((), "1", '(name, value) of parameters that differ from the defaults, as in (("loc_kp", 40.0),)')
 
+    left_velocity = Param(
+        0.0,
+        "rad/s",
+        "velocity command with which another program has left the drive running in velocity mode; 0: it is disabled",
+        fixed=True,
+        kernel=False,
+    )
+    ignores = Param((), "1", 'names of parameters whose writes have no effect, as in ("run_mode",)')
+
     registers = Memory((0.0,) * 64, "values of the parameters 0x7000 to 0x703F")
     defaults = Memory((0.0,) * 64, "values of these parameters after power-on")
+    ignored = Memory((0.0,) * 64, "of each parameter, 1 if writes have no effect")
     memory_of_drive = Memory(
         (0.0,) * 6,
         "host id, latched faults, reported faults, 1 while reporting, time of the next report, torque constant",
@@ -65,6 +82,11 @@ class EmulatedRobStride(Emulated, Device):
             values |= {frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0}
         values |= self.own_gains(spec.is_cybergear)
         self.registers = self.defaults = tuple(values.get(0x7000 + place, 0.0) for place in range(64))
+        self.ignored = ignored_of(self.ignores)
+        if self.left_velocity:  # the defaults are those after the next power cycle
+            running = values | {frames.RUN_MODE: 2.0, frames.SPD_REF: self.left_velocity}
+            self.registers = tuple(running.get(0x7000 + place, 0.0) for place in range(64))
+            self.state = (1.0, *self.state[1:])
         self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant)
 
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))

@@ -5,6 +5,7 @@ from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
+from collections.abc import Iterable
 from typing import Any
 from blocks.actuators.emulated import Emulated
 from graph import Device, Memory, Param
@@ -14,14 +15,18 @@ SPD_KP: int
 VBUS: int
 POSITION_GAIN: float
 VELOCITY_GAIN: float
+def ignored_of(names: Iterable[str]) -> tuple[float, ...]: ...
 class EmulatedRobStride(Emulated, Device):
     can_id: Param[int]
     trip_temperature: Param[float | None]
     unique: Param[str]
     firmware: Param[str]
     gains: Param[Sequence[Any] | np.ndarray]
+    left_velocity: Param[float]
+    ignores: Param[Sequence[Any] | np.ndarray]
     registers: Memory
     defaults: Memory
+    ignored: Memory
     memory_of_drive: Memory
     identity: Memory
     def __init__(
@@ -44,6 +49,8 @@ class EmulatedRobStride(Emulated, Device):
         unique: str = '',
         firmware: str = '',
         gains: Sequence[Any] | np.ndarray = ...,
+        left_velocity: float = 0.0,
+        ignores: Sequence[Any] | np.ndarray = ...,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     class Outputs(NamedTuple):
@@ -61,6 +68,7 @@ class EmulatedRobStride(Emulated, Device):
         stuck_encoder: Operand = ...,
         delay: Operand = ...,
         power_lost: Operand = ...,
+        stray_torque: Operand = ...,
     ) -> Outputs: ...
     def own_gains(self, is_cybergear: bool) -> dict[Any, Any]: ...
     def unique_bytes(self) -> tuple[float, ...]: ...

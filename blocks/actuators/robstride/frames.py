@@ -4,6 +4,7 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 """
 
 import struct
+from collections.abc import Sequence
 
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
 MODE_BITS = 3 << 22  # of the identifier of FEEDBACK and REPORT: 0 for a drive that is not enabled
@@ -21,6 +22,17 @@ LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = (
 )
 WHOLE = {RUN_MODE: "<Bxxx", 0x7026: "<Hxx", CAN_TIMEOUT: "<I", 0x7029: "<Bxxx"}  # the others are floats
 WHOLE_OF_CYBERGEAR = {0x701D: "<hxx"}
+NAMES = {
+    RUN_MODE: "run_mode",
+    IQ_REF: "iq_ref",
+    LIMIT_TORQUE: "limit_torque",
+    LIMIT_SPD: "limit_spd",
+    LIMIT_CUR: "limit_cur",
+    ACC_RAD: "acc_rad",
+    VEL_MAX: "vel_max",
+    ACC_SET: "acc_set",
+    CAN_TIMEOUT: "canTimeout",
+}
 TIMEOUT_COUNTS = 20000  # of CAN_TIMEOUT, a second
 
 # The output `fault`: six bits of the feedback, one of this library, and from bit 8 on the 32 of a fault report.
@@ -32,7 +44,7 @@ FAULTS = {
     4: "stalled or overloaded",
     5: "not calibrated",
     6: "has stopped by itself",
-    7: "time-out differs from the one written",
+    7: "a setting differs from the one written",
     8: "motor too hot",
     9: "driver chip",
     10: "under-voltage",
@@ -45,8 +57,12 @@ FAULTS = {
     22: "stalled",
     24: "current of phase A",
 }
-NO_TIMEOUT = 1 << 7
+DIFFERENT = 1 << 7  # then the bits of the fault report are the value that was read, and its place follows
 REPORTED = 8  # where the fault report begins
+PLACE = 40
+UNREADABLE = 0xFFFFFFFF  # in place of that value
+SETTINGS_LIMIT = 8  # of cext/kernels/devices/robstride/settings.pxd, as the types below
+TYPES = {"<f": 0, "<Bxxx": 1, "<Hxx": 2, "<I": 4}
 FAULTS_OF_CYBERGEAR = FAULTS | {4: "Hall sensor", **dict.fromkeys(range(16, 24), "overloaded")}
 
 
@@ -63,6 +79,35 @@ def write(index: int, value: float, can_id: int, host_id: int) -> tuple[int, boo
 def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that reads a parameter. index : of the parameter"""
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
+
+
+def settings_of(written: Sequence[tuple[int, float]]) -> tuple[float, ...]:
+    """Return the memory `settings` of a driver. written : (index, value) of each setting, in the order of the reads"""
+    kinds = [TYPES[WHOLE.get(index, "<f")] for index, _ in written]
+    values = [
+        float(number) for (index, value), kind in zip(written, kinds) for number in (index, kind, single(value, kind))
+    ]
+    return (float(len(written)), *values, *[0.0] * (3 * (SETTINGS_LIMIT - len(written))))
+
+
+def single(value: float, kind: int) -> float:
+    """Return a value as the drive stores it. kind : one of TYPES"""
+    return value if kind else struct.unpack("<f", struct.pack("<f", value))[0]
+
+
+def difference(written: Sequence[tuple[int, float]], place: int, bits: int) -> str:
+    """Return how a setting that was read back differs.
+
+    written : as of `settings_of`; place : of the setting, from 1 on; bits : raw value that was read
+    """
+    if not 1 <= place <= len(written):
+        return "a setting differs from the one written"
+    index, value = written[place - 1]
+    name = f"{NAMES.get(index, 'parameter')} (0x{index:04X})"
+    if bits == UNREADABLE:
+        return f"{name} cannot be read back, {value:g} was written"
+    layout = WHOLE.get(index, "<f")
+    return f"{name} reads {struct.unpack_from(layout, bits.to_bytes(4, 'little'))[0]:g}, {value:g} was written"
 
 
 def set_zero(can_id: int, host_id: int) -> tuple[int, bool, bytes]:

@@ -9,6 +9,7 @@ from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride.emulator import ignored_of
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import mit as kernels
 from graph import Actuator, Device, Interval, Memory, Param
@@ -37,8 +38,9 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two drawbacks: replies
     report neither faults nor whether the drive is enabled. Faults are read during arming and once per second, in a tick
     with a request instead of a command: the drive holds its last command for one more period. Arming also writes
-    `can_timeout` and the torque limit to the drive and reads the time-out back; it fails if the drive returns another
-    time-out or none, as firmware older than `models.MIT_FIRMWARE` does.
+    `can_timeout` and the torque limit to the drive, selects operation control, and reads all three back; it enables the
+    drive only if they are as written. Firmware older than `models.MIT_FIRMWARE` has no parameters: with can_timeout=0
+    nothing is read back.
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
@@ -53,8 +55,9 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     )
 
     talk = Memory(
-        (0.0,) * 10, "time-out read back, last faults, expected replies: cext/kernels/devices/robstride/mit.pyx"
+        (0.0,) * 11, "settings read back, last faults, expected replies: cext/kernels/devices/robstride/mit.pyx"
     )
+    settings = Memory((0.0,) * 25, "number of the settings that arming writes; index, type and value of each")
 
     arrival = Memory(0.0, "arrival of its newest frame in s")
 
@@ -69,23 +72,21 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
         self.ready = "talk" if self.own_timeout is not None else None
-        limit = int.from_bytes(self.torque_bytes(), "little")
-        self.talk = (
-            0.0,
-            0.0,
-            float(frames.timeout_counts(self.can_timeout)),
-            float(limit),
-            0.0,
-            0.0,
-            READ_AGAIN,
-            0.0,
-            0.0,
-            0.0,
-        )
+        self.talk = (*[0.0] * 7, READ_AGAIN, *[0.0] * 3)
+        self.settings = frames.settings_of(self.written_settings())
 
-    def torque_bytes(self) -> bytes:
-        """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof uses."""
-        return struct.pack("<f", self.torque_limit / self.gear_ratio)
+    def written_settings(self) -> list[tuple[int, float]]:
+        """Return (index, value) of the settings that arming writes and reads back; none if the firmware cannot.
+
+        The torque limit, at the motor, is a second layer, which no proof uses.
+        """
+        if not self.ready:
+            return []
+        return [
+            (frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)),
+            (frames.LIMIT_TORQUE, self.torque_limit / self.gear_ratio),
+            (frames.RUN_MODE, 0.0),
+        ]
 
     def prepare(self, dt: float) -> None:
         if dt is not None and 0.0 < self.can_timeout < 3.0 * dt:
@@ -95,7 +96,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             )
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
-        return super().output_range() | {"temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**33)}
+        return super().output_range() | {"temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**37)}
 
     def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]
@@ -110,49 +111,51 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         """Return its replies."""
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
 
-    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
-        """Return frames that stop the drive, write time-out and torque limit, read both and the faults, and enable."""
+    def set_up_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return frames that stop the drive, write its settings, and read them back and the faults."""
         return [
             *[(self.can_id, False, data) for data in (DISABLE, OPERATION)],
             *self.write_frames(),
             *self.read_frames(),
             *[(self.can_id, False, FAULTS)] * bool(self.ready),
-            (self.can_id, False, ENABLE),
         ]
 
     def write_frames(self) -> list[tuple[int, bool, bytes]]:
-        """Return the frames that set the CAN timeout and the torque limit; none if the firmware cannot."""
-        if not self.ready:
-            return []
-        counts = frames.timeout_counts(self.can_timeout).to_bytes(4, "little")
+        """Return the frames that write the settings other than the mode; none if the firmware cannot."""
         return [
-            (WRITE | self.can_id, False, struct.pack("<HH", index, 0) + value)
-            for index, value in ((frames.CAN_TIMEOUT, counts), (frames.LIMIT_TORQUE, self.torque_bytes()))
+            (
+                WRITE | self.can_id,
+                False,
+                struct.pack("<HH", index, 0) + struct.pack(frames.WHOLE.get(index, "<f"), value),
+            )
+            for index, value in self.written_settings()
+            if index != frames.RUN_MODE
         ]
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
-        return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", frames.CAN_TIMEOUT))] if self.ready else []
+        return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", index)) for index, _ in self.written_settings()]
+
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
+        return [(self.can_id, False, ENABLE)]
 
     def fault_in_words(self, code: float) -> str:
         if not code and self.ready is None:
             return "not read before the start"
-        words = [frames.word_in_words(int(code) & 0xFFFFFFFF)] if int(code) & 0xFFFFFFFF else []
-        if int(code) >> 32:
-            words.append(f"its time-out differs from the one written; {self.remedy()}")
-        return ", ".join(words)
+        place, value = int(code) >> 33, int(code) & 0xFFFFFFFF
+        if int(code) >> 32 & 1:
+            return f"{frames.difference(self.written_settings(), place, value)}; {self.remedy()}"
+        return frames.word_in_words(value)
 
     def unready_in_words(self) -> str:
-        return (
-            f"it answers, but not the read of its time-out (0x{READ | self.can_id:03X}, parameter 0x7028); "
-            f"{self.remedy()}"
-        )
+        names = ", ".join(f"{frames.NAMES[index]} 0x{index:04X}" for index, _ in self.written_settings())
+        return f"it answers, but not every read of its settings (0x{READ | self.can_id:03X}: {names}); {self.remedy()}"
 
     def remedy(self) -> str:
-        """Return why the drive is not ready, and the remedy."""
+        """Return what to do about a drive that does not keep what was written to it."""
         return (
-            f"can_timeout is {self.can_timeout:g} s: {self.spec.name} has it in MIT mode from firmware "
-            f"{models.MIT_FIRMWARE[self.spec.name]} "
-            f"on. Update the firmware, or set can_timeout=0 and rely on the guardian alone"
+            f"{self.spec.name} has these parameters in MIT mode from firmware {models.MIT_FIRMWARE[self.spec.name]} on"
+            ". Check which program writes to the drive, and update the firmware; or set can_timeout=0 and rely on the "
+            f"guardian alone (can_timeout is {self.can_timeout:g} s)"
         )
 
     def emulator(self, **parameters: Any) -> EmulatedRobStrideMIT:
@@ -170,7 +173,16 @@ class EmulatedRobStrideMIT(Emulated, Device):
     host_id = Param(0xFD, "1", "CAN id of the drive's replies", min=0, max=255, fixed=True)
     parameters_known = Param(True, "1", "whether the firmware reads and writes parameters", fixed=True, kernel=False)
 
+    left_velocity = Param(
+        0.0,
+        "rad/s",
+        "velocity command with which another program has left the drive running in velocity mode; 0: it is disabled",
+        fixed=True,
+    )
+    ignores = Param((), "1", 'names of parameters whose writes have no effect, as in ("run_mode",)')
+
     registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
+    ignored = Memory((0.0,) * 64, "of each parameter, 1 if writes have no effect")
     latched = Memory(0.0, "latched faults")
     too_old = Memory(0.0, "1 if the firmware has no parameters")
 
@@ -182,6 +194,10 @@ class EmulatedRobStrideMIT(Emulated, Device):
     def configure(self) -> None:
         super().configure()
         self.too_old = float(not self.parameters_known)
+        self.ignored = ignored_of(self.ignores)
+        if self.left_velocity:
+            self.registers = tuple(2.0 * (0x7000 + place == frames.RUN_MODE) for place in range(64))
+            self.state = (1.0, *self.state[1:])
 
     def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]

@@ -53,8 +53,8 @@ class RobStride(Joint, Actuator):
     position, csp (cyclic position), velocity and current the drive has one input, `position_command`,
     `velocity_command` or `current_command`, and its current is limited to that of the torque `limit`. Mode and limits
     are written while the drive is stopped, and are lost at power-off. The drive stops itself when it has received
-    nothing for `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and fails if the drive
-    returns another one or none. Faults are never cleared.
+    nothing for `can_timeout`; the CyberGear cannot. Arming writes the mode, the limits and that time-out while the
+    drive is stopped, reads them back, and enables the drive only if all are as written. Faults are never cleared.
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
@@ -82,15 +82,17 @@ class RobStride(Joint, Actuator):
     )
 
     warning = Output("1", "warnings of the newest fault report, as bits", dtype=int)
-    state = Memory((0.0,) * 3, "1 once the drive has run, replies since it stopped, reported faults")
+    state = Memory((0.0,) * 2, "replies since the drive stopped, reported faults")
     written = Memory(
         (0.0,) * 5,
         "index of the command, its scale, 1 if the offset applies to it, index and value of the current limit",
     )
 
-    timeout_read = Memory(
-        (0.0,) * 3,
-        "1 once the drive has returned the time-out, number of other values returned, written value in counts",
+    settings = Memory((0.0,) * 25, "number of the settings that arming writes; index, type and value of each")
+    read_back = Memory(
+        (0.0,) * 5,
+        "1 once the drive has returned every setting, bits of those returned, number of different reads in a row, "
+        "place and raw value of that setting",
     )
 
     arrival = Memory(0.0, "arrival of its newest frame in s")
@@ -100,6 +102,7 @@ class RobStride(Joint, Actuator):
     decode = kernels.decode
     encode = kernels.encode_operation
     velocity_codes = 0xFFFF
+    reports_enabled = True
 
     def configure(self) -> None:
         self.inputs, self.outputs, self.sent_outputs = type(self).inputs, type(self).outputs, type(self).sent_outputs
@@ -114,8 +117,7 @@ class RobStride(Joint, Actuator):
                 raise ValueError("the CyberGear has no periodic reports: omit active_reporting")
         self.unanswered_frames = int(self.active_reporting)
         self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
-        self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
-        self.ready = "timeout_read" if self.own_timeout is not None else None
+        self.ready = "read_back"
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = (
             self.spec.rated_current
@@ -131,6 +133,7 @@ class RobStride(Joint, Actuator):
                     f"safe_stop='damp' needs operation control: in mode {self.mode} the drive has no damping to command"
                 )
             self.take_one_command()
+        self.settings = frames.settings_of(self.written_settings())
 
     def take_one_command(self) -> None:
         """Set the input of a parameter mode, its limit, and its encoding."""
@@ -217,7 +220,7 @@ class RobStride(Joint, Actuator):
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         ranges = super().output_range() | {
             "temperature": TEMPERATURE,
-            "fault": Interval(0.0, 2.0**40),
+            "fault": Interval(0.0, 2.0**44),
             "warning": Interval(0.0, 2.0**32),
         }
         if self.mode != "operation":
@@ -261,30 +264,39 @@ class RobStride(Joint, Actuator):
         """Return a frame without data. kind : of the command"""
         return frames.frame(kind, self.host_id, self.can_id)
 
-    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
-        """Return frames that stop the drive, write its settings, and enable it in a mode without a command."""
+    def written_settings(self) -> list[tuple[int, float]]:
+        """Return (index, value) of the settings that arming writes and reads back; commands of zero are among them."""
         spec, ratio = self.spec, self.gear_ratio
-        sequence = [self.command(frames.STOP)]
-        if spec.own_timeout:
-            sequence.append(self.write(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)))
-        sequence += [
-            self.write(frames.RUN_MODE, RUN_MODES[self.mode]),
-            self.write(frames.LIMIT_TORQUE, self.motor_torque),
-        ]
+        written = [(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout))] if self.own_timeout else []
+        written += [(frames.RUN_MODE, RUN_MODES[self.mode]), (frames.LIMIT_TORQUE, self.motor_torque)]
         if self.mode in POSITION_MODES:
             faster = frames.VEL_MAX if self.mode == "position" and not spec.is_cybergear else frames.LIMIT_SPD
-            sequence.append(self.write(faster, self.velocity_limit * ratio))
+            written.append((faster, self.velocity_limit * ratio))
         if self.mode in ("position", "velocity") and not spec.is_cybergear:
-            sequence.append(
-                self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio)
-            )
-        sequence += self.zero_frames() if self.mode != "operation" else []
+            written.append((frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio))
+        if self.mode != "operation":
+            written.append((frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0))
+        return written
+
+    def ask_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the stop, which reports the state and leaves a running drive without torque."""
+        return [self.command(frames.STOP)]
+
+    def set_up_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return frames that stop the drive, write its settings and read them back."""
+        sequence = [self.command(frames.STOP)]
+        if self.spec.own_timeout and not self.own_timeout:
+            sequence.append(self.write(frames.CAN_TIMEOUT, 0))
+        sequence += [self.write(index, value) for index, value in self.written_settings()]
         if self.active_reporting:
             sequence.append(frames.reports(True, self.can_id, self.host_id))
-        return [*sequence, *self.read_frames(), self.command(frames.ENABLE)]
+        return [*sequence, *self.read_frames()]
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
-        return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []
+        return [frames.read(index, self.can_id, self.host_id) for index, _ in self.written_settings()]
+
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
+        return [self.command(frames.ENABLE)]
 
     def set_zero_frame(self) -> tuple[int, bool, bytes]:
         """Return the frame that makes the present position of the drive its zero."""
@@ -317,8 +329,13 @@ class RobStride(Joint, Actuator):
         ]
 
     def fault_in_words(self, code: int) -> str:
-        words = frames.in_words(code, frames.meanings(self.spec.is_cybergear))
-        return f"{words}; {self.remedy()}" if int(code) & frames.NO_TIMEOUT else words
+        meanings, code = frames.meanings(self.spec.is_cybergear), int(code)
+        if not code & frames.DIFFERENT:
+            return frames.in_words(code, meanings)
+        value = code >> frames.REPORTED & 0xFFFFFFFF
+        differs = frames.difference(self.written_settings(), code >> frames.PLACE, value)
+        others = frames.in_words(code & (frames.DIFFERENT - 1), meanings)
+        return "; ".join([differs, *[others] * bool(others), self.remedy()])
 
     def warnings_in_words(self) -> tuple[str, ...]:
         family = "CyberGear" if self.spec.is_cybergear else "RobStride"
@@ -326,14 +343,20 @@ class RobStride(Joint, Actuator):
         return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
     def remedy(self) -> str:
-        """Return why the drive is not ready, and the remedy."""
+        """Return what to do about a drive that does not keep what was written to it."""
         return (
-            f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely "
-            "on the guardian alone"
+            "its limits do not hold. Check which program or firmware writes to the drive, and update its firmware"
+            + (
+                f"; without a time-out in it (can_timeout is {self.can_timeout:g} s), set can_timeout=0 and rely on "
+                "the guardian alone"
+                if self.own_timeout
+                else ""
+            )
         )
 
     def unready_in_words(self) -> str:
-        return f"it answers, but not the read of its time-out (type 17, parameter 0x7028); {self.remedy()}"
+        names = ", ".join(f"{frames.NAMES[index]} 0x{index:04X}" for index, _ in self.written_settings())
+        return f"it answers, but not every read of its settings (type 17: {names}); {self.remedy()}"
 
     def emulator(self, **parameters: Any) -> EmulatedRobStride:
         return EmulatedRobStride.of(self, **parameters)

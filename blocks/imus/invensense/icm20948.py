@@ -79,6 +79,17 @@ class ICM20948(InvenSense):
         return tuple(writes)
 
     def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
+        """Read back the ranges, which scale every sample, and the id of the magnetometer."""
+        configured = {step.register: step.data for step in self.set_up()}
+        write(Write(BANK, b"\x20"))
+        found = {register: bytes(read(register, 1)) for register in (GYRO_CONFIG, ACCEL_CONFIG)}
+        write(Write(BANK, b"\x00"))
+        for register, name in ((GYRO_CONFIG, "GYRO_CONFIG_1"), (ACCEL_CONFIG, "ACCEL_CONFIG")):
+            if found[register] != configured[register]:
+                raise ValueError(
+                    f"its register {name} reads 0x{found[register].hex()}, 0x{configured[register].hex()} was written: "
+                    "its samples have another range"
+                )
         if not self.magnetometer:
             return
         found = read(AK09916_WHO_AM_I, 1, self.mag_address)[0]

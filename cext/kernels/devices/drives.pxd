@@ -12,7 +12,7 @@ from cext.conversion cimport to_u32
 
 cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; each family's struct contains it
     int32_t position, velocity, temperature, fault
-    int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost     # injected faults
+    int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost, stray_torque      # injected faults
     int32_t torque, enabled
     int32_t can_id, invert, offset, gear_ratio, peak, trip_temperature
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
@@ -103,6 +103,12 @@ cdef inline uint32_t own_id(double *arena, const Drive *at) noexcept nogil:
 cdef inline double turned(double *arena, const Drive *at, double x) noexcept nogil:
     """Convert between the directions of the joint and of the motor."""
     return -x if arena[at.invert] != 0.0 else x
+
+
+cdef inline double strayed(double *arena, const Drive *at, double torque) noexcept nogil:
+    """Return the torque of the motor: the given one and the injected one, which needs power."""
+    return within(torque + (turned(arena, at, arena[at.stray_torque]) if arena[at.power_lost] == 0.0 else 0.0),
+        arena[at.peak])
 
 
 cdef inline double true_position(double *arena, const Drive *at) noexcept nogil:

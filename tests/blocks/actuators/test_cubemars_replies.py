@@ -122,17 +122,18 @@ def test_a_reply_with_another_id_is_not_a_foreign_command():
 
 
 def test_a_drive_that_changes_its_id_times_out():
-    rig, _ = answering(lambda tick: [reply(1 if tick < 60 else 5, error=0)])
+    rig, _ = answering(lambda tick: [reply(1 if tick < 60 else 5, torque=0.3, error=0)])
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit) == ("silent", "knee") and rig.control.reports.malformed["knee"][1] == 5
 
 
 COMMAND = bytes.fromhex("8000800000000800")  # of another controller: as a reply, of id 128
+HELD = reply(1, torque=0.0, error=0)  # of a drive without torque
 
 
-@pytest.mark.parametrize("answers", [[COMMAND, reply(1, error=0)], [reply(1, error=0), COMMAND]])
+@pytest.mark.parametrize("answers", [[COMMAND, HELD], [HELD, COMMAND]])
 def test_foreign_command_is_detected_before_and_after_reply(answers):
-    rig, _ = answering(lambda tick: answers if tick == 30 else [reply(1, error=0)])
+    rig, _ = answering(lambda tick: answers if tick == 30 else [HELD])
     outcome = rig.run(60)
     assert (outcome.status, outcome.culprit) == ("foreign command", "knee") and 25 <= outcome.tick <= 31
 

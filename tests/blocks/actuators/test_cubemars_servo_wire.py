@@ -13,7 +13,7 @@ from graph import Diagram, DiagramError, compile
 from tests.blocks.actuators import cubemars_reference as reference
 from tests.blocks.actuators.wire import AUTHORITY, EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 
-NOTED, COMMANDED = 2, 3  # cext/abi.pxd
+NOTED, COMMANDED, IDLE = 2, 3, 7  # cext/abi.pxd
 MODES = tuple(reference.KINDS)
 MODELS = {**models.MODELS, **models_v3.MODELS}
 GIVEN = {"AK80-6": {"torque_constant": 0.6}, "AK80-8-V3.0": {"limit": 10.0}}  # what nobody has published
@@ -196,7 +196,7 @@ def test_a_status_is_decoded_as_by_the_reference(model, mode, codes, temperature
     one = drive(model, mode, invert=invert, offset=0.4)
     one.arena[AUTHORITY] = 0.0
     frame = reference.status(7, *codes, temperature, error)
-    assert one.hear(*frame) == TAKEN
+    assert one.hear(*frame) == (IDLE if error == 0x77 else TAKEN)
     constant = GIVEN.get(model, {}).get("torque_constant") or MODELS[model].torque_constant
     wanted = reference.read_status(MODELS[model], constant, frame[1], sign=-1 if invert else 1, offset=0.4)
     promised = one.block.output_range()
@@ -220,7 +220,7 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length, mode):
     one = drive("AK80-9", mode)
     before = one.arena.copy()
     answer = one.hear(identifier, data, length)
-    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MALFORMED)
+    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, IDLE, MALFORMED)
     mine = np.zeros(len(before), bool)
     for name in ("position", "velocity", "torque", "current", "temperature", "fault", "notice"):
         mine[one.place[name]] = True

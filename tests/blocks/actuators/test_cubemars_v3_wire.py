@@ -27,7 +27,7 @@ from tests.blocks.actuators.wire import (
     Wired,
 )
 
-NOTED, COMMANDED = 2, 3  # cext/abi.pxd
+NOTED, COMMANDED, IDLE = 2, 3, 7  # cext/abi.pxd
 PERIOD, PERIOD_SLOT = 0.005, 3
 FIELDS = ("position", "velocity", "stiffness", "damping", "torque")
 RANGES = {name: reference.ranges(model) for name, model in MODELS.items()}
@@ -159,7 +159,7 @@ def test_a_status_is_decoded_as_by_the_reference(data, model, invert, offset, ra
     drive, found = wired(model, invert=invert, offset=offset, gear_ratio=ratio), MODELS[model]
     drive.arena[AUTHORITY] = 0.0
     frame = reference.status(7, *codes, temperature, error)
-    assert drive.hear(*frame) == TAKEN
+    assert drive.hear(*frame) == (IDLE if error == 0x77 else TAKEN)
     wanted = reference.read_status(
         found, found.torque_constant, frame[1], sign=-1 if invert else 1, offset=offset, ratio=ratio
     )
@@ -211,16 +211,14 @@ def test_commanded_drive_that_reports_disable_or_power_loss_faults_until_rearmed
         (0x2C, (reference.identifier(0x2C, 7), b"\xfa\xfb\xfc\xfd")),
     ):
         drive = Wired.again(DRIVES["AK70-9"])
-        assert drive.hear(*frame) in (TAKEN, NOTED) and drive["fault"] == notice
+        assert drive.hear(*frame) in (IDLE, NOTED) and drive["fault"] == notice
         assert drive.hear(*reference.status(7)) == TAKEN and drive["fault"] == notice, (
             "the next status does not hide it"
         )
         drive.hear(*reference.status(7, error=3))
         assert drive["fault"] == 3
         drive.arena[AUTHORITY] = 0.0
-        assert (
-            drive.hear(*frame) in (TAKEN, NOTED) and drive.hear(*reference.status(7)) == TAKEN and drive["fault"] == 0
-        )
+        assert drive.hear(*frame) in (IDLE, NOTED) and drive.hear(*reference.status(7)) == TAKEN and drive["fault"] == 0
         assert "disabled" in drive.block.fault_in_words(0x77) and "power" in drive.block.fault_in_words(0x2C)
 
 
@@ -238,12 +236,12 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length):
     drive = Wired.again(DRIVES["AKE90-8"])
     before = drive.arena.copy()
     answer = drive.hear(identifier, data, length)
-    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MALFORMED)
+    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, IDLE, MALFORMED)
     mine = np.zeros(len(before), bool)
     for name in ("position", "velocity", "torque", "current", "temperature", "fault", "notice"):
         mine[drive.place[name]] = True
     assert not ((drive.arena != before) & ~mine).any()
-    if answer == TAKEN:
+    if answer in (TAKEN, IDLE):
         assert length == 8 and identifier == reference.identifier(0x29, 7)
         promised = drive.block.output_range()
         assert all(

@@ -90,8 +90,10 @@ def test_arming_configures_and_enables_and_safe_stop_disables(mode, substeps):
     outcome = rig.run(60)
     assert (outcome.status, outcome.unanswered) == ("ok", ()) and rig["drive.fault"].max() == 0
     sent = [(frame.id, frame.data) for frame in rig.frames if frame.sent]
-    batch = flagged(drive.enable_frames()) + flagged(drive.zero_frames())
+    batch = flagged(drive.set_up_frames()) + flagged(drive.ask_frames())
     assert sent[: len(batch)] == batch
+    enabled = sent.index(flagged(drive.enable_frames())[0])
+    assert sent[enabled + 1] == flagged(drive.zero_frames())[0]
     stop = flagged(drive.zero_frames()) + flagged(drive.disable_frames())
     assert sent[-len(stop) :] == stop
     assert any(watcher.seen) and not watcher.seen[-1]
@@ -180,7 +182,7 @@ def test_two_protocols_share_a_bus_without_interference():
 
 
 def test_resends_to_silent_drive_respect_bus_capacity():
-    """Six frames of arming go out in every sixth round, a zero in each: twice what a tick takes, not seven times."""
+    """Seven frames of settings go out in every seventh round, a stop in each: twice what a tick takes, not 8 times."""
     with Diagram("robot", rate=200) as robot:
         drive = RobStride("RS03", name="drive")
         drive(torque_command=0.1)
@@ -188,11 +190,10 @@ def test_resends_to_silent_drive_respect_bus_capacity():
     outcome = rig.run(10, arming_timeout=0.2)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("drive",))
     kinds = [frame.id >> 24 & 31 for frame in rig.frames if frame.sent]
-    rounds = kinds.count(1)
-    assert 40 <= rounds - 2 <= 90 and len(drive.enable_frames()) == 6
-    assert (rounds - 45) // 6 <= kinds.count(3) <= rounds // 6 + 1
-    stop = kinds[kinds.index(4, len(kinds) - 3) :]
-    assert kinds[:7] == [4, 18, 18, 18, 17, 3, 1] and stop[-1] == 4
+    before = [frame.id >> 24 & 31 for frame in rig.frames if frame.sent and frame.time <= 0.2e9]
+    assert 40 <= before.count(4) - before.count(17) // 3 <= 43 and len(drive.set_up_frames()) == 7
+    assert 5 <= before.count(17) // 3 <= 7
+    assert kinds[:8] == [4, 18, 18, 18, 17, 17, 17, 4] and kinds[-1] == 4 and 3 not in kinds
 
 
 class Outage(Block):

@@ -118,11 +118,10 @@ def test_drives_with_one_host_id_ignore_foreign_and_corrupt_frames(identifier, d
 
 def test_arming_disables_selects_operation_and_enables():
     block = RobStrideMIT("RS03", can_id=5)
-    to_drive = [data for identifier, _, data in block.enable_frames() if identifier == 5]
-    assert (
-        to_drive == [mit.DISABLE, mit.OPERATION, mit.FAULTS, mit.ENABLE] and block.enable_frames()[-1][2] == mit.ENABLE
-    )
-    frames = block.enable_frames() + block.zero_frames() + block.disable_frames()
+    to_drive = [data for identifier, _, data in block.set_up_frames() if identifier == 5]
+    assert to_drive == [mit.DISABLE, mit.OPERATION, mit.FAULTS]
+    assert block.enable_frames() == [(5, False, mit.ENABLE)] and block.ask_frames() == [(5, False, mit.DISABLE)]
+    frames = block.set_up_frames() + block.enable_frames() + block.zero_frames() + block.disable_frames()
     assert {(identifier, extended) for identifier, extended, _ in frames} == {
         (5, False),
         (0x305, False),

@@ -135,7 +135,7 @@ def test_every_other_mode_has_one_command_with_a_proved_limit(mode, name, limit)
 def told(drive):
     """Frames sent to a drive while arming: types, and parameters by index."""
     listed, values = [], {}
-    for identifier, extended, data in drive.enable_frames():
+    for identifier, extended, data in (*drive.set_up_frames(), *drive.enable_frames()):
         assert (
             extended and identifier & 255 == drive.can_id and identifier >> 8 & 255 == drive.host_id and len(data) == 8
         )
@@ -155,8 +155,11 @@ def told(drive):
 def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model, mode, number):
     drive = RobStride(model, mode=mode, gear_ratio=2.0, velocity_limit=1.5, acceleration=4.0)
     listed, values = told(drive)
-    assert listed[0] == 4 and drive.enable_frames()[0][2] == bytes(8), "stopped, and no fault cleared"
-    assert listed[-1] == 3 and 4 not in listed[1:] and len(listed) <= 12 and frames.REPORT not in listed
+    assert listed[0] == 4 and drive.set_up_frames()[0][2] == bytes(8), "stopped, and no fault cleared"
+    assert listed[-1] == 3 and 4 not in listed[1:] and len(listed) <= 16 and frames.REPORT not in listed
+    read = [struct.unpack("<H", data[:2])[0] for _, _, data in drive.read_frames()]
+    assert sorted(read) == sorted(values), "every setting that is written is read back"
+    assert listed.index(17) > max(place for place, kind in enumerate(listed) if kind == 18), "after it was written"
     assert values.pop(0x7028) == 2000 and values.pop(0x7005) == number
     assert values.pop(0x700B) == pytest.approx(drive.spec.rated), "N·m at the motor"
     expected = {
@@ -169,7 +172,7 @@ def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model,
     assert values == expected
     assert (
         len(drive.zero_frames()) == len(drive.disable_frames()) == 1
-        and drive.disable_frames() == drive.enable_frames()[:1]
+        and drive.disable_frames() == drive.ask_frames() == drive.set_up_frames()[:1]
     )
 
 
@@ -195,7 +198,13 @@ def test_cybergear_receives_only_supported_parameters():
         for model in MODELS:
             drive = RobStride(model, mode=mode, active_reporting=model != "CyberGear")
             assert not {22, 23, 25} & {
-                i >> 24 for i, _, _ in (*drive.enable_frames(), *drive.zero_frames(), *drive.disable_frames())
+                i >> 24
+                for i, _, _ in (
+                    *drive.set_up_frames(),
+                    *drive.enable_frames(),
+                    *drive.zero_frames(),
+                    *drive.disable_frames(),
+                )
             }
 
 
@@ -256,7 +265,9 @@ def test_diagram_round_trips_through_json(mode, name):
         drive(**{name: 0.25})
     again = from_json(to_json(diagram))
     assert to_json(again) == to_json(diagram)
-    assert [steps.enable for steps in compile(again).devices] == [tuple(drive.enable_frames())]
+    assert [(steps.set_up, steps.enable) for steps in compile(again).devices] == [
+        (tuple(drive.set_up_frames()), tuple(drive.enable_frames()))
+    ]
 
 
 def test_a_parameter_set_before_compile_reconfigures_the_block():

@@ -1,5 +1,5 @@
-"""The time-out of a RobStride drive: written at arming, read back, and no arming where the drive returns another one or
-none.
+"""The settings of a RobStride drive, its time-out among them: written at arming, read back, and no arming where the
+drive returns another one or none.
 """
 
 import struct
@@ -24,20 +24,35 @@ def read_reply(counts, index=0x7028, failed=0):
 
 @pytest.mark.hazard("H8g")
 def test_arming_writes_the_time_out_and_reads_it_back_before_it_enables():
-    listed = RobStride("RS03", can_timeout=0.1).enable_frames()
+    drive = RobStride("RS03", can_timeout=0.1)
+    listed = drive.set_up_frames()
     assert [(identifier >> 24, data.hex()) for identifier, _, data in listed if data[:2] == b"\x28\x70"] == [
         (18, "28700000d0070000"),
         (17, "2870000000000000"),
     ]
-    assert [identifier >> 24 for identifier, _, _ in listed] == [4, 18, 18, 18, 17, 3]
-    assert all(data[:2] != b"\x28\x70" for _, _, data in RobStride("CyberGear").enable_frames())
-    assert RobStride("CyberGear").ready is RobStride("RS03", can_timeout=0.0).ready is None
+    assert [identifier >> 24 for identifier, _, _ in listed] == [4, 18, 18, 18, 17, 17, 17]
+    assert [identifier >> 24 for identifier, _, _ in drive.enable_frames()] == [3]
+    assert all(data[:2] != b"\x28\x70" for _, _, data in RobStride("CyberGear").set_up_frames())
+    plain = RobStride("RS03", can_timeout=0.0)
+    assert all(data[:2] != b"\x28\x70" for _, _, data in plain.read_frames()) and plain.ready == "read_back"
 
 
 def test_a_drive_is_ready_once_it_has_returned_the_written_values():
     wired = Wired(RobStride, "RS03")
-    assert wired.hear(*read_reply(2000, index=0x7029)) == NOTED and wired["timeout_read"][0] == 0.0
-    assert wired.hear(*read_reply(2000)) == NOTED and wired["timeout_read"][0] == 1.0 and wired["fault"] == 0
+    limit = struct.unpack("<I", struct.pack("<f", 20.0))[0]
+    for index, value in ((0x7029, 2000), (0x7028, 2000), (0x7005, 0xABCDEF00), (0x700B, limit)):
+        assert wired["read_back"][0] == 0.0
+        assert wired.hear(*read_reply(value, index=index)) == NOTED and wired["fault"] == 0
+    assert wired["read_back"][0] == 1.0, "of the mode, one byte counts"
+
+
+def test_a_torque_limit_that_the_firmware_has_converted_is_as_written():
+    wired = Wired(RobStride, "RS03")
+    for limit, differs in ((20.01, False), (19.99, False), (20.1, True)):
+        wired["read_back"] = 0.0
+        bits = struct.unpack("<I", struct.pack("<f", limit))[0]
+        wired.hear(*read_reply(bits, index=0x700B))
+        assert (wired["read_back"][2] > 0.0) == differs
 
 
 @pytest.mark.parametrize("counts, failed", [(0, 0), (1999, 0), (20000, 0), (2000, 1)])
@@ -46,31 +61,42 @@ def test_another_time_out_is_a_fault_when_it_was_read_three_times(counts, failed
     wired = Wired(RobStride, "RS03")
     for _ in range(2):
         wired.hear(*read_reply(counts, failed=failed))
-    assert wired["fault"] == 0 and wired["timeout_read"][0] == 0.0
+    assert wired["fault"] == 0 and wired["read_back"][0] == 0.0
     wired.hear(*read_reply(counts, failed=failed))
-    assert wired["fault"] == frames.NO_TIMEOUT
-    assert wired.hear(FEEDBACK, bytes.fromhex("7fff7fff7fff012c")) == TAKEN and wired["fault"] == frames.NO_TIMEOUT
-    words = wired.block.fault_in_words(frames.NO_TIMEOUT)
-    assert "time-out differs from the one written (bit 7)" in words and "set can_timeout=0" in words
+    fault = frames.DIFFERENT | (frames.UNREADABLE if failed else counts) << 8 | 1 << frames.PLACE
+    assert wired["fault"] == fault
+    assert wired.hear(FEEDBACK, bytes.fromhex("7fff7fff7fff012c")) == TAKEN and wired["fault"] == fault
+    words = wired.block.fault_in_words(fault)
+    read = "cannot be read back" if failed else f"reads {counts:g}"
+    assert words.startswith(f"canTimeout (0x7028) {read}, 2000 was written; ") and "set can_timeout=0" in words
 
 
 class Board(Block):
-    """In the plant: a RobStride drive that answers every frame as if it ran; reads of its time-out with `counts`, None
-    for not at all.
+    """In the plant: a RobStride drive that answers every frame with its state, and reads with what was written; of its
+    time-out with `counts`, None for not at all.
     """
 
     y = Output("1")
 
     def configure(self):
-        self.counts, self.end = 2000, None
+        self.counts, self.end, self.written, self.runs = 2000, None, {}, False
 
     def step(self, tick):
         for identifier, extended, data, *_ in self.end.receive():
             kind, now = identifier >> 24 & 31, round(tick * self.dt * 1e9)
-            if kind == 17 and self.counts is not None:
-                self.end.send(READ_REPLY & 0x1FFFFFFF, struct.pack("<HHI", 0x7028, 0, self.counts), True, time=now)
-            elif kind != 17:
-                self.end.send(FEEDBACK & 0x1FFFFFFF, bytes.fromhex("7fff7fff7fff012c"), True, time=now)
+            index = struct.unpack("<H", data[:2])[0]
+            self.runs = {3: True, 4: False}.get(kind, self.runs)
+            if kind == 18:
+                self.written[index] = data[4:]
+            if kind == 17:
+                value = self.written[index]
+                if index == 0x7028:
+                    value = None if self.counts is None else struct.pack("<I", self.counts)
+                if value is not None:
+                    self.end.send(READ_REPLY & 0x1FFFFFFF, struct.pack("<HH", index, 0) + value, True, time=now)
+            else:
+                state = reference.identifier(2, (2 if self.runs else 0) << 14 | 127, 0xFD)
+                self.end.send(state & 0x1FFFFFFF, bytes.fromhex("7fff7fff7fff012c"), True, time=now)
         return 0.0
 
 
@@ -103,10 +129,13 @@ def test_a_drive_with_another_time_out_is_never_commanded():
 def test_a_drive_that_does_not_return_its_time_out_is_not_armed():
     rig, knee, outcome, moved = armed(None)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and moved == []
-    assert rig.control.reports.unready == ["knee"] and "not the read of its time-out" in knee.unready_in_words()
+    assert rig.control.reports.unready == ["knee"]
+    assert "not every read of its settings (type 17: canTimeout 0x7028, run_mode" in knee.unready_in_words()
+    enabled = [frame for frame in rig.frames if frame.sent and frame.id >> 24 & 31 == 3]
+    assert enabled == []
 
 
-def test_without_a_time_out_nothing_is_read():
+def test_without_a_time_out_the_other_settings_are_read():
     _, knee, outcome, moved = armed(None, can_timeout=0.0)
     assert outcome.status == "ok" and len(moved) == 20 and knee.own_timeout is None
 

@@ -28,7 +28,7 @@ from tests.blocks.actuators.wire import (
 )
 
 FIELDS = ("position", "velocity", "stiffness", "damping", "torque")
-NOTED, COMMANDED = 2, 3  # cext/abi.pxd
+NOTED, COMMANDED, IDLE = 2, 3, 7  # cext/abi.pxd
 WRITTEN = {"position": 0x7016, "csp": 0x7016, "velocity": 0x700A, "current": 0x7006}
 
 
@@ -259,7 +259,7 @@ def test_a_drive_that_is_not_enabled_is_a_fault_only_under_torque(has_run):
     for authority, fault in ((0.0, 0), (1.0, 64), (0.0, 0)):
         wired.arena[AUTHORITY] = authority
         for _ in range(20):
-            assert wired.hear(*stopped) == (TAKEN if has_run else NOTED)
+            assert wired.hear(*stopped) == IDLE
         assert wired["fault"] == fault
 
 
@@ -267,16 +267,14 @@ def test_a_drive_that_stops_by_itself_is_a_fault_after_the_replies_to_arming():
     ranges = RANGES["RS03"]
     wired = Wired(RobStride, "RS03")
     stopped, running = reference.reply(ranges, 127, mode=0), reference.reply(ranges, 127, mode=2)
-    assert wired.hear(*stopped) == NOTED and wired["fault"] == 0 and abs(wired["temperature"] - 25.0) < 1e-9
-    assert wired.hear(*reference.reply(ranges, 127, mode=0, faults=4)) == TAKEN and wired["fault"] == 4, (
-        "a fault is an answer"
-    )
+    assert wired.hear(*stopped) == IDLE and wired["fault"] == 0 and abs(wired["temperature"] - 25.0) < 1e-9
+    assert wired.hear(*reference.reply(ranges, 127, mode=0, faults=4)) == IDLE and wired["fault"] == 4
     assert wired.hear(*running) == TAKEN and wired["fault"] == 0
     for _ in range(12):
-        assert wired.hear(*stopped) == TAKEN and wired["fault"] == 0, (
+        assert wired.hear(*stopped) == IDLE and wired["fault"] == 0, (
             "replies to frames of arming may still be under way"
         )
-    assert wired.hear(*stopped) == TAKEN and wired["fault"] == 64 and frames.names(64) == ["has stopped by itself"]
+    assert wired.hear(*stopped) == IDLE and wired["fault"] == 64 and frames.names(64) == ["has stopped by itself"]
     assert wired.hear(*running) == TAKEN and wired["fault"] == 0
 
 
@@ -341,13 +339,13 @@ def leaves_all_else_alone(identifier, data, length):
     wired = Wired.again(DRIVES["RS04"])
     before = wired.arena.copy()
     answer = wired.hear(identifier, data, length)
-    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MALFORMED)
+    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, IDLE, MALFORMED)
     mine = np.zeros(len(before), bool)
-    for name in ("position", "velocity", "torque", "temperature", "fault", "warning", "state", "timeout_read"):
+    for name in ("position", "velocity", "torque", "temperature", "fault", "warning", "state", "read_back"):
         mine[wired.place[name]] = True
     changed = wired.arena != before
     assert not (changed & ~mine).any()
-    if answer in (TAKEN, NOTED):
+    if answer in (TAKEN, NOTED, IDLE):
         assert length == 8 and identifier & EXTENDED and not identifier & (REMOTE | 0x20000000)
         promised = wired.block.output_range()
         assert all(

@@ -88,19 +88,20 @@ def test_a_drive_that_does_not_acknowledge_its_disable_has_not_confirmed_the_sto
     assert len(beats) == rig.sent().count(DISABLE) > 30  # it shows that it lives, all the time
 
 
-def test_enable_frames_of_a_drive_are_sent_at_one_per_round():
+def test_settings_of_a_drive_are_sent_at_one_frame_per_round():
     with Diagram("robot", rate=200) as robot:
         RobStride("CyberGear", can_id=1, name="knee")(torque_command=1.0)
     rig = Rig(robot)
     steps = rig.schedule.devices[0]
-    assert len(steps.enable) == 4
+    assert len(steps.set_up) == 5
     assert rig.run(10, arming_timeout=0.1).status == "no answer"
-    rounds = len([frame for frame in rig.frames if frame.sent and frame.data == steps.zero[0][2]]) // len(steps.zero)
     arming = [frame for frame in rig.frames if frame.sent and frame.time <= 100_000_000]
-    enabling = sorted({frame.time for frame in arming if frame.data == steps.enable[-1][2]})
+    asked = [frame.time for frame in arming if frame.data == steps.ask[0][2] and frame.id >> 24 & 31 == 4]
+    written = sorted({frame.time for frame in arming if frame.data == steps.set_up[1][2]})
     period = 5_000_000  # ns
-    assert rounds > 2 * len(steps.enable)
-    assert len(enabling) > 2 and enabling == [k * len(steps.enable) * period for k in range(len(enabling))]
+    assert len(set(asked)) == 21, "it is asked in every round"
+    assert len(written) > 2 and written == [k * len(steps.set_up) * period for k in range(len(written))]
+    assert not any(frame.data == steps.enable[0][2] and frame.id >> 24 & 31 == 3 for frame in rig.frames)
 
 
 def test_receive_time_is_recorded_even_without_frames():

@@ -1,6 +1,4 @@
-"""Between arming and tick 0: replies are shown, and torque is zero until the operator confirms. In virtual
-time.
-"""
+"""Between arming and tick 0: replies are shown, and nothing is enabled until the operator confirms. In virtual time."""
 
 import math
 import time
@@ -67,15 +65,15 @@ class Ready:
         return self.rig.run(ticks, fade=0.0, answered=self.show, confirm=confirm, **options)
 
 
-def test_ready_state_holds_zero_torque_until_confirmation():
+def test_ready_state_asks_a_disabled_drive_until_confirmation():
     ready = Ready({500: "confirm"})
     assert ready.run().status == "ok"
     [(state, position)] = ready.shown
     assert state == "arming" and position == pytest.approx(0.3, abs=1e-3)
     sent = ready.rig.sent()
     assert sent.count(ENABLE) == 1
-    waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
-    assert 100 <= waited.count(NOTHING) <= 104  # 500 ticks of the plant are 100 rounds
+    waited = sent[: sent.index(ENABLE)]
+    assert set(waited) == {DISABLE} and 100 <= len(waited) <= 104  # 500 ticks of the plant are 100 rounds
     assert ready.torques() == 20 and list(ready.rig.tick) == list(range(20))
     assert [change.kind for change in ready.rig.changes] == [3] and ready.rig.changes[0].tick == -1
 
@@ -90,7 +88,7 @@ def test_a_stop_ends_it_without_a_tick():
     ready = Ready({500: "stop"})
     outcome = ready.run()
     assert outcome.status == "ok" and outcome.stopped and outcome.tick == -1 and len(ready.rig.tick) == 0
-    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+    assert set(ready.rig.sent()) == {NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
 
 
 def test_a_confirmation_before_the_table_was_shown_does_not_count():
@@ -132,14 +130,14 @@ def test_a_drive_fault_during_confirmation_ends_the_run():
     ready = Ready({tick: lambda: 5 for tick in range(300, 1000)})
     outcome = ready.run()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("device fault", "knee", -1)
-    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+    assert set(ready.rig.sent()) == {NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
 
 
 def test_a_drive_that_becomes_silent_during_confirmation_ends_the_run():
     ready = Ready({tick: lambda: ready.rig.buses["can"].host.receive() and 0 for tick in range(301, 2000)})
     outcome = ready.run()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", -1)
-    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
+    assert set(ready.rig.sent()) == {NOTHING, DISABLE}
 
 
 def test_a_fence_during_the_wait_ends_the_run():
@@ -152,7 +150,7 @@ def test_failure_to_show_ready_state_prevents_arming():
     ready.show = lambda: 1 / 0
     outcome = ready.run()
     assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and outcome.tick == -1
-    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
+    assert set(ready.rig.sent()) == {NOTHING, DISABLE}
 
 
 # Where joints stand
@@ -168,16 +166,16 @@ def test_a_joint_with_an_ambiguous_angle_is_armed_once_it_is_resolved():
     assert ready.run(permitted=permitted).status == "ok"
     assert asked == ["ready"] * 3 and ready.torques() == 20
     sent = ready.rig.sent()
-    waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
-    assert 180 <= waited.count(NOTHING) <= 184, "900 ticks of the plant are 180 rounds"
+    waited = sent[: sent.index(ENABLE)]
+    assert set(waited) == {DISABLE} and 180 <= len(waited) <= 184, "900 ticks of the plant are 180 rounds"
     assert [change.kind for change in ready.rig.changes] == [3], "only the confirmation that has armed"
 
 
-def test_an_ambiguous_joint_ends_an_unattended_run_after_zero_torque_only():
+def test_an_ambiguous_joint_ends_an_unattended_run_without_enabling():
     ready = Ready({})
     outcome = ready.run(confirm=False, permitted=lambda: False)
     assert (outcome.status, outcome.tick) == ("unclear pose", -1) and len(ready.rig.tick) == 0
-    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+    assert set(ready.rig.sent()) == {NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
 
 
 @pytest.mark.parametrize("confirm", [False, True])

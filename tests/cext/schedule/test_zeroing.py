@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
-from blocks.actuators.mit_frames import NOTHING, SET_ZERO
+from blocks.actuators.mit_frames import DISABLE, SET_ZERO
 from blocks.limiters import TorqueLimiter
 from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig
@@ -200,7 +200,7 @@ def test_arming_sets_the_zero_before_the_first_tick():
     assert rig.run(200).status == "ok"
     assert np.abs(rig["knee.position"]).max() < 1e-3 and rig.control.reports.zeros == {"knee": (1, 0)}
     before = rig.sent()[: rig.sent().index(SET_ZERO)]
-    assert before.count(NOTHING) >= 20  # 0.1 s at rest
+    assert before.count(DISABLE) >= 20 and set(before) == {DISABLE}  # 0.1 s at rest, and disabled
 
 
 def test_arming_waits_until_the_joint_is_at_rest():

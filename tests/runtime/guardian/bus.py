@@ -2,6 +2,7 @@
 process that is killed.
 """
 
+import itertools
 import os
 import select
 import subprocess
@@ -139,10 +140,12 @@ class Bus:
                 "no torque was commanded"
             )
 
-    def commands(self, motor, since=0.0):
-        return [
-            frame for frame in self.frames if frame.identifier == motor and frame.is_command and frame.time >= since
-        ]
+    def commands(self, motor, since=0.0, asking=False):
+        """Frames to a motor. asking : whether also those with which arming asks it before it is enabled"""
+        said = [frame for frame in self.frames if frame.identifier == motor and frame.is_command]
+        if not asking:
+            said = list(itertools.dropwhile(lambda frame: frame.data == DISABLE, said))
+        return [frame for frame in said if frame.time >= since]
 
     def stopped_after(self, instant):
         """s from an instant (of the wall clock) until every motor had its first zero torque and disable. No torque may

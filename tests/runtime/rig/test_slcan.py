@@ -25,7 +25,7 @@ from runtime.rig.serial_port import look_at_port
 from tests.blocks.actuators import reference
 from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.drives import AK10_9
-from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, knee, started, write
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, after_asking, knee, started, write
 
 pytestmark = pytest.mark.paced
 
@@ -134,7 +134,7 @@ def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
         assert process.returncode == OK, errors
         # 1 Mbit/s; open; and closed at the end
         assert "S8" in adapter.said and "O" in adapter.said and adapter.said[-1] == "C"
-        told = [data for _, data in adapter.frames]
+        told = after_asking([data for _, data in adapter.frames])
         assert told[0] == ENABLE and adapter.torque() and told[-2:] == [NOTHING, DISABLE] and len(told) > 130
         assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
 
@@ -170,7 +170,7 @@ def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_a
         _, errors = process.communicate(timeout=10)
         assert took < 0.1, took  # 5 to 15 ms where the machine is not busy
         assert process.returncode == FAULT and "SIGKILL" in errors
-        told = [data for _, data in adapter.frames]
+        told = after_asking([data for _, data in adapter.frames])
         assert set(told[told.index(DISABLE) :]) == {NOTHING, DISABLE}
 
 

@@ -26,7 +26,7 @@ from cext.conversion cimport to_u8
 cimport cext.kernels.devices.cubemars.status as wire
 from cext.kernels.devices.drives cimport (
     RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
-    seen_velocity, turned, unreachable, unwritten, within,
+    seen_velocity, strayed, turned, unreachable, unwritten, within,
 )
 from cext.kernels.devices.fields cimport from_code
 from cext.kernels.devices.mit cimport all_ones
@@ -189,10 +189,8 @@ cdef int drive_kernel(double *arena, const Board *at, const Board *sizes) noexce
         memset(powered, 0, 8)
         powered[0], powered[1], powered[2], powered[3] = 0xFA, 0xFB, 0xFC, 0xFD
         owe(arena, &at.drive, <uint32_t>EXTENDED | wire.POWER_UP << 8 | own_id(arena, &at.drive), 4, powered)
-    motion[PUSHES] = 0.0
-    if motion[KIND] >= 0.0 and error_code(arena, at) == 0:
-        motion[PUSHES] = within(law(arena, &at.drive) if motion[KIND] == wire.FORCE
-            else servo_torque(arena, at, motion), arena[at.drive.peak])
+    motion[PUSHES] = strayed(arena, &at.drive, 0.0 if motion[KIND] < 0.0 or error_code(arena, at) != 0
+        else law(arena, &at.drive) if motion[KIND] == wire.FORCE else servo_torque(arena, at, motion))
     if rate > 0.0 and arena[TIME] + 1e-9 >= motion[NEXT_REPORT]:
         motion[NEXT_REPORT] += 1.0 / rate
         if motion[NEXT_REPORT] <= arena[TIME] + 1e-9:

@@ -102,9 +102,8 @@ cdef inline uint8_t error_code(double *arena, const drives.Drive *at) noexcept n
 
 cdef inline double motor_torque(double *arena, const drives.Drive *at) noexcept nogil:
     """Return the torque of the drive's law, limited by its current."""
-    if (arena + at.state)[drives.RUNNING] == 0.0 or error_code(arena, at) != 0:
-        return 0.0
-    return drives.within(drives.law(arena, at), arena[at.peak])
+    cdef bint gives = (arena + at.state)[drives.RUNNING] != 0.0 and error_code(arena, at) == 0
+    return drives.strayed(arena, at, drives.law(arena, at) if gives else 0.0)
 
 
 cdef int emulated_kernel(double *arena, const Emulated *at, const Emulated *sizes) noexcept nogil:

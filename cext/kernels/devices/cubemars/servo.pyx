@@ -21,7 +21,7 @@ from libc.stdint cimport int32_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    AUTHORITY, EXTENDED, ITEMS, NOTED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Frame, decode_t, encode_t,
+    AUTHORITY, EXTENDED, IDLE, ITEMS, NOTED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Frame, decode_t, encode_t,
     export_decode, export_encode, items,
 )
 from cext.kernels.devices.cubemars.status cimport BRAKE, Status, put_long, put_word, read_frame
@@ -52,7 +52,7 @@ cdef int servo_decode(double *arena, const Drive *at, const Drive *sizes, const 
     cdef int answer = read_frame(arena, frame, <uint32_t>arena[at.can_id], sign, arena + at.scales, notice, &status)
     if answer == NOTED and notice[0] != 0.0:
         arena[at.fault] = notice[0]
-    if answer != TAKEN:
+    if answer != TAKEN and answer != IDLE:
         return answer
     arena[at.position] = status.position - arena[at.offset]
     arena[at.velocity] = status.velocity

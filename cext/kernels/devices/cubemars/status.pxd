@@ -15,7 +15,7 @@ commanded drive.
 from libc.math cimport floor
 from libc.stdint cimport int8_t, int16_t, int32_t, uint8_t, uint16_t, uint32_t
 
-from cext.abi cimport AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, MALFORMED, NOTED, TAKEN, Frame
+from cext.abi cimport AUTHORITY, COMMANDED, EXTENDED, FOREIGN, IDLE, ID_MASK, MALFORMED, NOTED, TAKEN, Frame
 
 cdef enum: # kinds of frames
     DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE = 8, DISABLE = 15, CONFIGURE
@@ -40,7 +40,7 @@ cdef inline int16_t word(const uint8_t *data) noexcept nogil:
 cdef inline int read_frame(
         double *arena, const Frame *frame, uint32_t id, double sign, const double *scales, double *notice,
         Status *status) noexcept nogil:
-    """Return the result of decoding a frame. For TAKEN, `status` receives the status.
+    """Return the result of decoding a frame. For TAKEN and IDLE, `status` receives the status.
 
     A commanded drive that reports a disable or a power-on sets `notice`: it would not obey the next command safely.
     """
@@ -71,7 +71,7 @@ cdef inline int read_frame(
     status.torque = scales[2] * status.current
     status.temperature = <int8_t>frame.data[6]
     status.fault = notice[0] if frame.data[7] == 0 or frame.data[7] == DISABLED else frame.data[7]
-    return TAKEN
+    return IDLE if frame.data[7] == DISABLED else TAKEN
 
 
 cdef inline void put_word(uint8_t *data, double x) noexcept nogil:

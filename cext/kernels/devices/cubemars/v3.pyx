@@ -13,7 +13,7 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    EXTENDED, ITEMS, NOTED, OK, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
+    EXTENDED, IDLE, ITEMS, NOTED, OK, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
 from cext.kernels.devices.cubemars.status cimport FORCE, Status, read_frame
 from cext.kernels.devices.mit cimport Codes, Mit, all_ones, mit_sizes, quantise
@@ -32,7 +32,7 @@ cdef int v3_decode(double *arena, const ForceControl *at, const ForceControl *si
         arena, frame, <uint32_t>arena[at.mit.can_id], sign, arena + at.scales, arena + at.notice, &status)
     if answer == NOTED and arena[at.notice] != 0.0:
         arena[at.mit.fault] = arena[at.notice]
-    if answer != TAKEN:
+    if answer != TAKEN and answer != IDLE:
         return answer
     arena[at.mit.position] = status.position - arena[at.mit.offset]
     arena[at.mit.velocity] = status.velocity

@@ -17,7 +17,7 @@ from cext.abi cimport (
 from cext.conversion cimport to_u32
 from cext.kernels.devices.drives cimport (
     LAST_COMMAND, RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
-    seen_velocity, turned, unreachable, unwritten, within,
+    seen_velocity, strayed, turned, unreachable, unwritten, within,
 )
 from cext.kernels.devices.fields cimport from_code, to_code
 
@@ -72,11 +72,12 @@ cdef struct RobStride:
     int32_t registers           # values of the parameters 0x7000 to 0x703F
     int32_t defaults            # the same after power-on
     int32_t memory_of_drive     # the enum above
+    int32_t ignored             # of each parameter, whether writes have no effect
     int32_t identity            # eight bytes of its unique number, five of its firmware, whether it is a CyberGear
 
 ROB_STRIDE = items(
     (<RobStride *>ITEMS)[0],
-    drive_sizes() + " registers[64] defaults[64] memory_of_drive[6] identity[14]")
+    drive_sizes() + " registers[64] defaults[64] memory_of_drive[6] ignored[64] identity[14]")
 
 
 cdef double motor_torque(double *arena, const RobStride *at) noexcept nogil:
@@ -89,20 +90,20 @@ cdef double motor_torque(double *arena, const RobStride *at) noexcept nogil:
     cdef double mode = registers[RUN_MODE]
     cdef double current, most
     if (arena + at.drive.state)[RUNNING] == 0.0:
-        return 0.0
+        return strayed(arena, &at.drive, 0.0)
     most = registers[LIMIT_TORQUE] * gear
     if not most < peak:
         most = peak
     if mode == OPERATION:
-        return within(law(arena, &at.drive), most)
+        return strayed(arena, &at.drive, within(law(arena, &at.drive), most))
     if mode == CURRENT:
-        return within(gear * memory[TORQUE_CONSTANT] * registers[IQ_REF], most)
+        return strayed(arena, &at.drive, within(gear * memory[TORQUE_CONSTANT] * registers[IQ_REF], most))
     current = registers[SPD_REF]
     if mode == PP or mode == CSP:
         current = within(registers[LOC_KP] * (registers[LOC_REF] - gear * seen_position(arena, &at.drive)),
                          registers[VEL_MAX] if mode == PP and registers[VEL_MAX] > 0.0 else registers[LIMIT_SPD])
     current = within(registers[SPD_KP] * (current - velocity), registers[LIMIT_CUR])
-    return within(gear * memory[TORQUE_CONSTANT] * current, most)
+    return strayed(arena, &at.drive, within(gear * memory[TORQUE_CONSTANT] * current, most))
 
 
 cdef void stop(double *arena, const RobStride *at) noexcept nogil:
@@ -156,7 +157,7 @@ cdef void write(double *arena, const RobStride *at, const uint8_t *data) noexcep
     cdef uint32_t bits = little(&data[4])
     cdef uint32_t most
     cdef float single
-    if index >> 6 != 0x7000 >> 6 or MECH_POS <= place <= ROTATION:
+    if index >> 6 != 0x7000 >> 6 or MECH_POS <= place <= ROTATION or (arena + at.ignored)[place] != 0.0:
         return
     if place == RUN_MODE and ((arena + at.drive.state)[RUNNING] != 0.0 or data[4] > CSP or data[4] == 4):
         return

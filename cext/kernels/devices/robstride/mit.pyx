@@ -27,13 +27,12 @@ from cext.abi cimport (
 from cext.conversion cimport to_u32
 cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
+from cext.kernels.devices.robstride.settings cimport (
+    PLACE, READ_BACK_SIZE, READY, VALUE, differs, is_as_written, little_endian, note_read, place_of, settings_size,
+)
 
-cdef enum: # in `talk`
-    READY                       # the drive has returned the written time-out, or another one too often
-    DIFFERENT                   # number of different time-outs returned
-    COUNTS                      # of the written time-out
-    TORQUE_BITS                 # of the written torque limit, a float
-    OUTSTANDING                 # replies accepted while waiting for the word of faults; 0: not waiting
+cdef enum: # in `talk`, after what cext/kernels/devices/robstride/settings.pxd keeps there
+    OUTSTANDING = READ_BACK_SIZE        # replies accepted while waiting for the word of faults; 0: not waiting
     OWED                        # commands without a reply
     NEXT                        # time of the next read of faults, s
     PREPARED                    # the command in force allows a tick without a command
@@ -43,21 +42,19 @@ cdef enum: # in `talk`
 cdef enum:
     READ = 0x300
     WRITE = 0x400
+    RUN_MODE_INDEX = 0x7005
     TIMEOUT_INDEX = 0x7028
-    TORQUE_INDEX = 0x700B
-    WRONG_READS = 3             # a lost write is repeated
     LOST_AFTER = 50             # ticks, or later replies, until a missing reply counts as lost
     KNOWN_FAULTS = 0x408F       # bits 0, 1, 2, 3, 7, 14
 
-cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out read differs from the one written
+# in `fault`: the drive has returned another value of a setting than was written, which the lower 32 bits then contain;
+# and the start of the place of the setting
+cdef double DIFFERENT = 4294967296.0
+cdef double PLACE_UNIT = 8589934592.0
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
 
 cdef enum:
     FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet
-
-
-cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
-    return <uint32_t>data[3] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[1] << 8 | data[0]
 
 
 cdef inline void put_little(uint8_t *data, uint32_t value) noexcept nogil:
@@ -89,13 +86,14 @@ cdef struct Driver:
     Mit mit
     int32_t host_id
     int32_t talk                # the enum above
+    int32_t settings            # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # of the newest frame, s
 
-DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[10]")
+DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[11] " + settings_size())
 
 
 cdef inline void tell_fault(double *arena, const Driver *at, const double *talk) noexcept nogil:
-    arena[at.mit.fault] = talk[WORD] + (NO_TIMEOUT if talk[DIFFERENT] >= WRONG_READS else 0.0)
+    arena[at.mit.fault] = DIFFERENT + PLACE_UNIT * talk[PLACE] + talk[VALUE] if differs(talk) else talk[WORD]
 
 
 cdef inline void note_arrival(double *arena, const Driver *at, double *talk, const Frame *frame) noexcept nogil:
@@ -108,28 +106,24 @@ cdef inline void note_arrival(double *arena, const Driver *at, double *talk, con
 
 
 cdef int parameter_read(double *arena, const Driver *at, double *talk, const uint8_t *data) noexcept nogil:
-    """Encode the read-back of the time-out during arming; the request of faults follows it."""
-    if index_of(data) != TIMEOUT_INDEX:
+    """Decode a setting read back during arming; the request of faults follows the last of them."""
+    cdef const double *settings = arena + at.settings
+    cdef int place = place_of(settings, index_of(data))
+    if place < 0:
         return NOTED
-    talk[OUTSTANDING] = LOST_AFTER
+    if place == <int>settings[0] - 1:
+        talk[OUTSTANDING] = LOST_AFTER
     if talk[READY] != 0.0:
         return NOTED
-    if little_endian(data + 4) == talk[COUNTS]:
-        talk[READY], talk[DIFFERENT] = 1.0, 0.0
-    else:
-        talk[DIFFERENT] += 1.0
-        if talk[DIFFERENT] >= WRONG_READS:
-            talk[READY] = 1.0
+    note_read(settings, talk, place, little_endian(data + 4), True)
     tell_fault(arena, at, talk)
     return NOTED
 
 
-cdef int parameter_written(const double *talk, const uint8_t *data) noexcept nogil:
+cdef int parameter_written(const double *settings, const double *talk, const uint8_t *data) noexcept nogil:
     """Decode a parameter. After arming, a value other than the written ones is from another controller."""
-    cdef uint32_t index = index_of(data)
-    cdef uint32_t value = little_endian(data + 4)
-    if talk[READY] == 0.0 or (index == TIMEOUT_INDEX and value == talk[COUNTS]) or (index == TORQUE_INDEX
-            and value == talk[TORQUE_BITS]):
+    cdef int place = place_of(settings, index_of(data))
+    if talk[READY] == 0.0 or (place >= 0 and is_as_written(settings, place, little_endian(data + 4))):
         return NOTED
     return COMMANDED
 
@@ -142,7 +136,8 @@ cdef int mit_decode(double *arena, const Driver *at, const Driver *sizes, const 
         if frame.length != 8:
             return MALFORMED
         note_arrival(arena, at, talk, frame)
-        return parameter_read(arena, at, talk, data) if frame.id == (READ | id) else parameter_written(talk, data)
+        return parameter_read(arena, at, talk, data) if frame.id == (READ | id) else parameter_written(
+            arena + at.settings, talk, data)
     if frame.id != <uint32_t>arena[at.host_id] or frame.length == 0 or data[0] != id:
         return FOREIGN          # drives share the host's id
     if frame.length != 8:
@@ -167,7 +162,7 @@ cdef inline bint reads_faults_now(double *arena, const Driver *at, double *talk)
     """Return whether this tick requests the faults instead of sending a command."""
     if not arena[AUTHORITY] > 0.0 or arena[TIME] + 1e-9 < talk[NEXT]:
         return False            # a run that waits to be rearmed sends nothing
-    if talk[READY] == 0.0 and talk[COUNTS] != 0.0:
+    if talk[READY] == 0.0 and arena[at.settings] != 0.0:
         return False            # a drive that was never armed does not answer
     if talk[OWED] > 0.0:
         talk[WAITED] += 1.0
@@ -188,7 +183,7 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     memcpy(held, sent, sizeof(held))
     # the command before a request stays in force for one more period: its law is bounded over that, too
     talk[PREPARED] = (
-        not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0)
+        not asks and (talk[READY] != 0.0 or arena[at.settings] == 0.0)
         and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9)
     if talk[PREPARED] != 0.0:
         arena[PERIOD] = 1.5 * period
@@ -219,15 +214,25 @@ cdef struct Emulated:
     int32_t registers           # encoded values of the parameters 0x7000 to 0x703F
     int32_t latched             # faults until they are cleared
     int32_t too_old             # whether the firmware has no parameters
+    int32_t left_velocity       # rad/s, with which another program has left it running
+    int32_t ignored             # of each register, whether writes have no effect
 
-EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes() + " registers[64]")
+EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes() + " registers[64] ignored[64]")
+
+cdef double VELOCITY_GAIN = 5.0                 # N·m·s/rad
+
+cdef enum:
+    VELOCITY = 2                # value of the run mode
 
 
 cdef inline double motor_torque(double *arena, const Emulated *at) noexcept nogil:
     """Return the torque of the drive's law. A written torque limit has no effect, as users report of some firmware."""
-    if (arena + at.drive.state)[drives.RUNNING] == 0.0:
-        return 0.0
-    return drives.within(drives.law(arena, &at.drive), arena[at.drive.peak])
+    cdef double torque = 0.0
+    if (arena + at.drive.state)[drives.RUNNING] != 0.0 and (arena + at.registers)[RUN_MODE_INDEX & 63] == VELOCITY:
+        torque = VELOCITY_GAIN * (arena[at.left_velocity] - drives.seen_velocity(arena, &at.drive))
+    elif (arena + at.drive.state)[drives.RUNNING] != 0.0:
+        torque = drives.law(arena, &at.drive)
+    return drives.strayed(arena, &at.drive, torque)
 
 
 cdef inline void reset(double *arena, const Emulated *at) noexcept nogil:
@@ -241,6 +246,8 @@ cdef bint obey(double *arena, const Emulated *at, const uint8_t *data) noexcept 
     if data[7] == 0xFC:
         if data[6] == 0xFF and (arena + at.latched)[0] == 0.0:
             state[drives.RUNNING] = 1.0
+        elif data[6] != 0xFF and state[drives.RUNNING] == 0.0 and (arena + at.ignored)[RUN_MODE_INDEX & 63] == 0.0:
+            (arena + at.registers)[RUN_MODE_INDEX & 63] = data[6]
     elif data[7] == 0xFD and data[6] == 0xFF:
         reset(arena, at)
     elif data[7] == 0xFE and data[6] == 0xFF:
@@ -261,7 +268,7 @@ cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint
     if (arena + at.too_old)[0] != 0.0 or index >> 6 != 0x7000 >> 6:
         return
     memcpy(out, data, 8)
-    if kind == WRITE:
+    if kind == WRITE and (arena + at.ignored)[index & 63] == 0.0:
         registers[index & 63] = little_endian(data + 4)
     put_little(out + 4, to_u32(registers[index & 63]))
     drives.owe(arena, &at.drive, kind | drives.own_id(arena, &at.drive), 8, out)

@@ -15,36 +15,29 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 """
 
 from libc.math cimport isfinite
-from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
+from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD,
-    POWER_LOSS, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
+    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, IDLE, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS,
+    PERIOD, POWER_LOSS, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
+from cext.kernels.devices.robstride.settings cimport (
+    PLACE, READY, VALUE, differs, little_endian, note_read, place_of, settings_size,
+)
 
 cdef enum:
     RUN = 2                     # mode of an enabled drive
     STOPPED_REPLY_LIMIT = 12    # replies of a drive that has stopped by itself; more than arming has frames
     STOPPED = 64                # in `fault`, next to the six bits of type 2
-    NO_TIMEOUT = 128            # in `fault`: the time-out read differs from the one written
+    # in `fault`: the drive has returned another value of a setting than was written; the 32 bits from WORD on are then
+    # that value, and the next four the place of the setting
+    DIFFERENT = 128
     WORD = 256                  # in `fault`: start of the 32 bits of type 21
 
-
-cdef enum: # in `timeout_read`
-    READY                       # the drive has returned the written time-out, or another one too often
-    DIFFERENT                   # number of different time-outs returned
-    COUNTS                      # of the written time-out
-
-cdef enum:
-    TIMEOUT_INDEX = 0x7028
-    WRONG_READS = 3             # a lost write is repeated
-
-
-cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
-    return <uint32_t>data[3] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[1] << 8 | data[0]
+cdef double PLACE_UNIT = 1099511627776.0        # in `fault`: start of the place, 2⁴⁰
 
 
 cdef inline double big_endian(const uint8_t *data, double half) noexcept nogil:
@@ -58,12 +51,26 @@ cdef struct Feedback:
     Address address
     int32_t position, velocity, torque, temperature, fault, warning, invert, offset
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
-    # whether it has run; consecutive replies, of those under torque, in which it did not; faults of type 21
+    # consecutive replies, of those under torque, in which it did not run; faults of type 21
     int32_t state
-    int32_t timeout_read        # the enum above
+    int32_t settings, read_back # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # of the newest frame, s
 
-FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[3] timeout_read[3]")
+FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] " + settings_size())
+
+
+cdef inline void tell_fault(double *arena, const Feedback *at, uint32_t bits) noexcept nogil:
+    """Set the output. bits : of type 2, and STOPPED"""
+    cdef double *read = arena + at.read_back
+    if differs(read):
+        arena[at.fault] = bits + DIFFERENT + WORD * read[VALUE] + PLACE_UNIT * read[PLACE]
+    else:
+        arena[at.fault] = bits + WORD * (arena + at.state)[1]
+
+
+cdef inline uint32_t bits_of(double fault) noexcept nogil:
+    """Return the bits of type 2, and STOPPED, of the output."""
+    return <uint32_t>(<uint64_t>fault & (DIFFERENT - 1))
 
 
 cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
@@ -71,8 +78,8 @@ cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *fr
     cdef double came = frame.time * 1e-9
     cdef double *state = arena + at.state
     if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > 1e-9 * POWER_LOSS:
-        arena[at.fault] -= WORD * state[2]
-        state[2] = 0.0
+        state[1] = 0.0
+        tell_fault(arena, at, bits_of(arena[at.fault]))
     arena[at.arrival] = came
 
 
@@ -87,42 +94,33 @@ cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint as
     arena[at.velocity] = sign * big_endian(&frame.data[2], wire[1])
     arena[at.torque] = sign * big_endian(&frame.data[4], wire[4])
     arena[at.temperature] = 0.1 * <int16_t>(<uint16_t>(frame.data[6] << 8 | frame.data[7]))
-    if runs:
-        state[0] = 1.0
     if runs or arena[AUTHORITY] == 0.0:     # without authority, the run itself may have disabled it
-        state[1] = 0.0
-    elif state[1] <= STOPPED_REPLY_LIMIT:
-        state[1] += 1.0
-    arena[at.fault] = faults + (STOPPED if state[1] > STOPPED_REPLY_LIMIT else 0) + WORD * state[2] + (
-        NO_TIMEOUT if arena[at.timeout_read + DIFFERENT] >= WRONG_READS else 0)
+        state[0] = 0.0
+    elif state[0] <= STOPPED_REPLY_LIMIT:
+        state[0] += 1.0
+    tell_fault(arena, at, faults + (STOPPED if state[0] > STOPPED_REPLY_LIMIT else 0))
     if not asked:
         return NOTED            # a periodic report does not confirm a command
-    # a drive that has not run yet has not answered to arming
-    return TAKEN if state[0] != 0.0 or faults != 0 else NOTED
+    return TAKEN if runs else IDLE
 
 
 cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
     cdef double *state = arena + at.state
     cdef const uint8_t *data = &frame.data[0]
-    cdef double known = arena[at.fault] - WORD * state[2]
-    state[2] = little_endian(data)
-    arena[at.fault] = known + WORD * state[2]
+    state[1] = little_endian(data)
+    tell_fault(arena, at, bits_of(arena[at.fault]))
     arena[at.warning] = little_endian(data + 4)
     return NOTED
 
 
 cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
-    """Decode type 17: the time-out read back during arming."""
-    cdef double *read = arena + at.timeout_read
-    if (<uint32_t>frame.data[1] << 8 | frame.data[0]) != TIMEOUT_INDEX or read[READY] != 0.0:
+    """Decode type 17: a setting read back during arming."""
+    cdef double *read = arena + at.read_back
+    cdef int place = place_of(arena + at.settings, <uint32_t>frame.data[1] << 8 | frame.data[0])
+    if place < 0 or read[READY] != 0.0:
         return NOTED
-    if (frame.id >> 16 & 255) == 0 and little_endian(&frame.data[4]) == read[COUNTS]:
-        read[READY], read[DIFFERENT] = 1.0, 0.0
-        return NOTED
-    read[DIFFERENT] += 1.0
-    if read[DIFFERENT] >= WRONG_READS:
-        read[READY] = 1.0
-        arena[at.fault] += NO_TIMEOUT
+    note_read(arena + at.settings, read, place, little_endian(&frame.data[4]), (frame.id >> 16 & 255) == 0)
+    tell_fault(arena, at, bits_of(arena[at.fault]))
     return NOTED
 
 
