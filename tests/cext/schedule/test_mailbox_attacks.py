@@ -10,6 +10,7 @@ import random
 import signal
 import struct
 import time
+import traceback
 
 import pytest
 
@@ -89,6 +90,8 @@ def in_a_process(work):
         try:
             work()
             code = 0
+        except BaseException:
+            traceback.print_exc()
         finally:
             os._exit(code)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
@@ -124,7 +127,9 @@ def test_another_process_that_posts_changes_never_arms_a_robot_that_waits(second
         finally:
             for attack in running:
                 attack.end()
-        assert outcome.status == "ok" and len(rig.tick) == 0, f"{outcome}, {len(rig.tick)} ticks"
+        assert len(rig.tick) == 0 and outcome.tick == -1 and CONFIRM not in {change.kind for change in rig.changes}
+        # on a machine that is too busy for 1000 Hz the run may end early instead
+        assert outcome.stopped or outcome.status in ("silent", "no answer"), outcome
 
     assert in_a_process(work) == 0
 
