@@ -45,8 +45,8 @@ class Family:
         """The frame that it sends without being asked."""
         return self.state(*arguments, **options)
 
-    def other(self, identifier, extended, data, can_id):
-        """Frames in answer to a frame that is not answered with the state."""
+    def other(self, identifier, extended, data, can_id, written):
+        """Frames in answer to a frame that is not answered with the state. written : {index: value} of the drive"""
         return []
 
 
@@ -90,6 +90,15 @@ class Private(Family):
         code = int((torque + 17.0) / 34.0 * 65535)
         data = bytes.fromhex("82807fff") + code.to_bytes(2, "big") + (250).to_bytes(2, "big")
         return Frame(kind << 24 | 2 * enabled << 22 | can_id << 8 | HOST, True, data)
+
+    def other(self, identifier, extended, data, can_id, written):
+        if not extended or identifier & 0xFF != can_id:
+            return []
+        if identifier >> 24 == 18:
+            written[data[:2]] = data[4:]
+        if identifier >> 24 == 17:
+            return [Frame(17 << 24 | can_id << 8 | HOST, True, data[:4] + written.get(data[:2], bytes(4)))]
+        return []
 
 
 class PrivateReports(Private):
@@ -153,7 +162,7 @@ class OwnDrive:
     ):
         self.family, self.can_id, self.hold, self.misses_stop = family, can_id, hold, misses_stop
         self.reports, self.reported, self.before, self.silent = reports, reported, before, silent
-        self.position = position
+        self.position, self.written = position, {}
         self.enabled = self.deaf = False
         with Diagram("alone", rate=200):
             block = family.block(family.model, can_id=can_id, **family.options)
@@ -168,6 +177,8 @@ class OwnDrive:
 
     def hear(self, identifier, extended, data, now):
         """Frames in answer to a frame. now : ns"""
+        if not self.deaf and (answers := self.family.other(identifier, extended, data, self.can_id, self.written)):
+            return answers
         kind = self.family.kind(identifier, extended, data, self.can_id)
         if kind is None:
             return []

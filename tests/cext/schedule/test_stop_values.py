@@ -36,7 +36,7 @@ def run(name, drives, ticks=20, transit=lambda: 0, lost=lambda: False, **options
         wired = Wired(drives, PLANT, transit, lost, name="drives")
     rig = Rig(robot, plant)
     wired.end = rig.buses["bus0"].device
-    outcome = rig.run(ticks, **options)
+    outcome = rig.run(ticks, **{"fade": 0.0} | options)
     return outcome, rig
 
 
@@ -143,7 +143,7 @@ def test_frames_of_another_node_do_not_confirm_a_dead_drive(name):
             wired = Late([dead, imposter], PLANT, name="drives")
         rig = Rig(robot, plant)
         wired.end = rig.buses["bus0"].device
-        outcome = rig.run(20)
+        outcome = rig.run(20, fade=0.0)
         assert dead.deaf and outcome.unconfirmed == ("drive0",), period
 
 

@@ -30,7 +30,7 @@ def test_a_second_drive_that_appears_in_a_run_ends_it(name):
         wired = Late([own(name), own(name, position=0.6)], PLANT, name="drives")
     rig = Rig(robot, wired.diagram)
     wired.end = rig.buses["bus0"].device
-    outcome = rig.run(600)
+    outcome = rig.run(600, fade=0.0)
     assert (outcome.status, outcome.culprit) == ("two devices", "drive0") and 195 <= outcome.tick < 230
 
 
@@ -61,7 +61,7 @@ def test_replies_in_bursts_are_no_twins(name):
         wired = Bursts([own(name)], PLANT, name="drives")
     rig = Rig(robot, wired.diagram)
     wired.end = rig.buses["bus0"].device
-    assert rig.run(400).status == "ok"
+    assert rig.run(400, fade=0.0).status == "ok"
 
 
 @pytest.mark.parametrize("name", ANSWERING)
@@ -95,4 +95,4 @@ def test_repeated_replies_are_no_twins(name):
         wired = Repeating([keep(own(name))], PLANT, name="drives")
     rig = Rig(robot, wired.diagram)
     wired.end = rig.buses["bus0"].device
-    assert rig.run(1000).status == "ok"
+    assert rig.run(1000, fade=0.0).status == "ok"
