@@ -187,7 +187,7 @@ def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by, al
 def test_a_run_that_is_stopped_while_arming_enables_nothing_afterwards(tmp_path):
     with Bus(tmp_path, number=1, answering=False) as bus:
         process = bus.start("--no-record")
-        assert bus.listen(20.0, lambda frame: frame.data == ENABLE)
+        assert bus.listen(20.0, lambda frame: frame.data == DISABLE), "it is asked, and enabled by nothing"
         everybody = family(process)
         stopped = time.time()
         os.kill(process.pid, signal.SIGSTOP)
@@ -228,9 +228,8 @@ def test_echoed_commands_are_not_replies(tmp_path):
     """
     with Bus(tmp_path, number=2, motors=(127,), answering=False) as bus:
         process = bus.start("--no-record", "--set", "left/knee.can_id=127", "--set", "right/knee.can_id=126")
+        assert bus.listen(20.0, lambda frame: frame.data == NOTHING and frame.identifier == 127), "of the stop"
         _, err = process.communicate(timeout=20)
-        bus.listen()
-        assert any(frame.data == NOTHING and frame.identifier == 127 for frame in bus.frames)
         assert (
             "no reply from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); no frame was received on "
             "any bus"

@@ -128,7 +128,7 @@ def test_the_report_of_the_guardian_replaces_the_status_line(bus, terminal):
 
 
 def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
-    at_the_table(bus, terminal, "--no-record")
+    at_the_table(bus, terminal, "--no-record", "--stop-for", "0.2")
     bus.drives.kill()
     assert terminal.end() == 3
     shown = terminal.look()

@@ -18,7 +18,7 @@ from runtime.live.running import page_of
 from runtime.recording.format import Frame
 from runtime.session import own_process
 from tests.runtime.guardian.bus import ROBOT, Bus
-from tests.runtime.runs import DISABLE, ENABLE, FORKING, NOTHING, environment, knee, server, write
+from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, server, write
 from tests.runtime.terminals import patient
 
 paced = pytest.mark.paced
@@ -120,14 +120,14 @@ def test_a_rig_is_armed_after_the_answer_to_input(bus, monkeypatch, capsys):
 
     def answer(prompt):
         bus.listen(0.05)
-        asked.append((prompt, capsys.readouterr().out, {frame.data for frame in bus.commands(1)}))
+        asked.append((prompt, capsys.readouterr().out, {frame.data for frame in bus.commands(1, asking=True)}))
         return ""
 
     monkeypatch.setattr("builtins.input", answer)
     trial = runtime.run("robot.py", 0.3, rig="lab.toml", realtime="off")
     [(prompt, table, commands)] = asked
     assert (
-        commands == {ENABLE, NOTHING}
+        commands == {DISABLE}
         and prompt == "Enter arms the robot, q ends the run: "
         and "2 devices, no problems" in table
     )
