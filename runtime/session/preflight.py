@@ -71,8 +71,9 @@ class Preflight:
         found_enabled : paths of the drives that another program has left enabled
         """
         refusals = {} if self.poses is None else self.poses.look(values, unheard=self.unheard)
-        rows = [self.row(block, values) | {"found_enabled": block.path in found_enabled} for block in self.devices]
+        rows = [self.row(block, values) for block in self.devices]
         for row in rows:
+            row["found_enabled"] = row["device"] in found_enabled
             if row["device"] in refusals:
                 row["marks"].setdefault("position", "in doubt")
         return {

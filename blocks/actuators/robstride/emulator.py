@@ -86,7 +86,7 @@ class EmulatedRobStride(Emulated, Device):
         if self.left_velocity:  # the defaults are those after the next power cycle
             running = values | {frames.RUN_MODE: 2.0, frames.SPD_REF: self.left_velocity}
             self.registers = tuple(running.get(0x7000 + place, 0.0) for place in range(64))
-            self.state = (1.0, *self.state[1:])
+            self.state = (1.0, *tuple(self.state)[1:])  # pyright: ignore[reportArgumentType]
         self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant)
 
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))

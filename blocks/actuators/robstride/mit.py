@@ -197,7 +197,7 @@ class EmulatedRobStrideMIT(Emulated, Device):
         self.ignored = ignored_of(self.ignores)
         if self.left_velocity:
             self.registers = tuple(2.0 * (0x7000 + place == frames.RUN_MODE) for place in range(64))
-            self.state = (1.0, *self.state[1:])
+            self.state = (1.0, *tuple(self.state)[1:])  # pyright: ignore[reportArgumentType]
 
     def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]

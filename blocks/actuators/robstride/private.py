@@ -267,7 +267,9 @@ class RobStride(Joint, Actuator):
     def written_settings(self) -> list[tuple[int, float]]:
         """Return (index, value) of the settings that arming writes and reads back; commands of zero are among them."""
         spec, ratio = self.spec, self.gear_ratio
-        written = [(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout))] if self.own_timeout else []
+        written: list[tuple[int, float]] = (
+            [(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout))] if self.own_timeout else []
+        )
         written += [(frames.RUN_MODE, RUN_MODES[self.mode]), (frames.LIMIT_TORQUE, self.motor_torque)]
         if self.mode in POSITION_MODES:
             faster = frames.VEL_MAX if self.mode == "position" and not spec.is_cybergear else frames.LIMIT_SPD
