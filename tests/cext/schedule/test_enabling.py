@@ -100,6 +100,7 @@ def flag(frame):
     return identifier | (EXTENDED if extended else 0), data
 
 
+@pytest.mark.hazard("H4c")
 @families
 def test_nothing_is_enabled_or_commanded_before_the_operator_confirms(kind, model, parameters):
     table = Operator(kind, model, parameters, {1000: "confirm"})
@@ -193,6 +194,7 @@ def test_joint_may_be_moved_by_hand_before_the_confirmation_but_not_armed_outsid
     assert not enables & {(identifier, data) for _, identifier, data in outside.sent()}
 
 
+@pytest.mark.hazard("H4c")
 @families
 def test_nothing_is_enabled_after_a_fault_until_the_operator_arms_again(kind, model, parameters):
     """A fault of the drive from 0.5 to 0.8 s; the operator arms again at 2 s."""
@@ -235,6 +237,7 @@ def test_drive_that_is_taken_out_and_keeps_its_torque_is_a_fault():
     assert (outcome.status, outcome.culprit) == ("uncommanded torque", "knee") and 40 <= outcome.tick < 70
 
 
+@pytest.mark.hazard("H4c")
 @families
 def test_nothing_is_enabled_before_an_emergency_stop_has_sent_released(kind, model, parameters):
     with Diagram("robot", rate=RATE) as robot:
