@@ -167,6 +167,7 @@ def through_guardian(group: str) -> Iterator[BusEnd]:
                     }
                 ],
                 "devices": [],
+                "locks": [],
                 "relays": [],
                 "items": [],
                 "limit": 1.0,

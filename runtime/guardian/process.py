@@ -291,7 +291,7 @@ class Guardian:
 
         now : ns of CLOCK_MONOTONIC
         """
-        if not self.in_send or (self.page.sending and not self.dead):
+        if self.verdict is None or not self.in_send or (self.page.sending and not self.dead):
             return
         self.in_send = self.reported = False
         self.page.show_stop(True)
