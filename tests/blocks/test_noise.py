@@ -75,7 +75,7 @@ def test_the_range_holds_the_largest_value_that_53_random_bits_can_make():
 @pytest.mark.parametrize(
     "make, said",
     [
-        (lambda: UniformNoise(2.0, 1.0), "lower <= upper"),
+        (lambda: UniformNoise(2.0, 1.0), "lower must be at most upper"),
         (lambda: UniformNoise(-math.inf, 1.0), "finite"),
         (lambda: GaussianNoise(deviation=-1.0), "at least"),
         (lambda: GaussianNoise(seed=-1), "at least 0"),

@@ -90,7 +90,7 @@ TARGETS = (
     Target("cext/schedule/buses.pyx", ("send",), ("cext/schedule/buses",), DEVICES),
     Target(
         "cext/schedule/device_arming.pyx",
-        ("all_answered", "expect_replies", "send_batches"),
+        ("all_answered", "begin", "send"),
         ("cext/schedule/device_arming",),
         DEVICES,
     ),
@@ -115,7 +115,7 @@ TARGETS = (
     Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/schedule/lifecycle",), STOPS),
     Target(
         "runtime/guardian/stop.py",
-        ("__init__", "step", "receive", "_is_reply"),
+        ("__init__", "step", "receive", "_judge"),
         (),
         ("tests/runtime/guardian/test_safe_stop.py",),
     ),

@@ -57,7 +57,7 @@ class Simulated:
         schedule = compile(diagram)
         # where drives reply without enable frames, leave those out: the bus may have room for the commands alone
         if not self.enables:
-            schedule.devices = [replace(device, enable=()) for device in schedule.devices]
+            schedule.devices = [replace(device, ask=(), set_up=(), enable=()) for device in schedule.devices]
         bus = TimedBus(bitrate)
         program = Program(schedule, [bus.host])
         if self.enables:

@@ -57,7 +57,7 @@ def test_the_summary_counts_ticks_strides_torque_and_work(walked):
     assert lines[0] == "knee_exo: 10 s at 200 Hz, simulated, in virtual time"
     assert lines[1] == "  ticks       2000 of 2000 done, 0 missed; 0 records dropped"
     assert any(line.startswith("  speed       ") and " times real time: " in line for line in lines)
-    assert "  buses       legs: 4008 frames sent, 4008 received" in lines
+    assert "  buses       legs: 4012 frames sent, 4012 received" in lines
     for side in ("left", "right"):
         [line] = [line for line in lines if line.startswith(f"  {side}")]
         for part in ("strides of 1.10 s", "peak torque 9.", "positive work ", " J per stride, negative -"):

@@ -92,7 +92,7 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
         (
             '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nzzz = 1',
             "[bus.legs] zzz: unknown key",
-            "it has interface, channel, bitrate, fd, peer, options",
+            "it has interface, channel, bitrate, fd, peer, key, options",
         ),
         (
             '[bus.legs]\ninterfase = "socketcan"\nchannel = "can0"',
