@@ -42,8 +42,6 @@ EQUIVALENT = {
     "becomes a bound here -> "
     "x = x if x >= low else low   # without branches, which mispredict with the data; NaN becomes a bound here": ""
     "they are the same number",
-    "cext/schedule/publisher.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
-    "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
     "cext/schedule/publisher.pyx attend_fenced: return UNGUARDED if self.guard > 0 and "
     "self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
@@ -66,9 +64,6 @@ EQUIVALENT = {
     "cext/schedule/devices.pyx watch: if device.fault >= 0 and arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
     "stands at 0",
-    "cext/schedule/device_arming.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it "
-    "leaves no remainder "
-    "as often",
     "runtime/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
     "self.damped.values()), default=0) -> "
     "self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=1)": "1 ns more",
