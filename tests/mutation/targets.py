@@ -89,10 +89,7 @@ TARGETS = (
     ),
     Target("cext/schedule/buses.pyx", ("send",), ("cext/schedule/buses",), DEVICES),
     Target(
-        "cext/schedule/device_arming.pyx",
-        ("all_answered", "begin", "send"),
-        ("cext/schedule/device_arming",),
-        DEVICES,
+        "cext/schedule/device_arming.pyx", ("all_answered", "begin", "send"), ("cext/schedule/device_arming",), DEVICES
     ),
     Target("cext/schedule/safe_stop.pyx", ("send",), ("cext/schedule/safe_stop",), DEVICES),
     Target("cext/schedule/foreign_commands.pxd", ("commanded_device", "is_like"), ("cext/schedule/devices",), DEVICES),
