@@ -62,6 +62,7 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
     UNCOMMANDED_TORQUE = 30 # a drive produces torque that is not commanded
     PROGRAM_SILENT = 40     # the loop of a connected program takes too long
     SUSPENDED = 24          # the computer was suspended in the middle of the run
+    POSITION_JUMP = 25      # a reported angle has changed by more than motion can explain
     TWO_DEVICES = 41        # two devices answer to one id
     FIRST_OWN_STATUS = 64
 

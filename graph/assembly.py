@@ -355,16 +355,32 @@ class Assembly:
             reads=tuple(block.read_frames()),
             reports_enabled=block.reports_enabled,
             zeroing=self.zero_steps(block, slot),
+            **self.reply_steps(block),
             **self.switch_slots(block, slot),
             **self.ready_place(block),
         )
+
+    def reply_steps(self, block: Device) -> dict[str, Any]:
+        """Return how a device answers commands, as fields of DeviceSteps; {} if it does not state it."""
+        replies = block.command_replies()
+        if replies is None:
+            return {}
+        memory = self.memory.get(block, {}).get("transit")
+        return {
+            "answers": replies.report_rate <= 0.0,
+            "transit": -1 if memory is None else memory[0],
+            "max_transit": replies.max_transit,
+            "restart_time": replies.restart_time,
+            "report_period": 1.0 / replies.report_rate if replies.report_rate > 0.0 else 0.0,
+            "set_up_replies": len(block.set_up_frames()) if replies.to_set_up is None else replies.to_set_up,
+        }
 
     def damped_stop(self, block: Device) -> DampedStop | None:
         """Return the DampedStop of a device, with a round that its bus has the capacity for."""
         stop = block.damped_stop()
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 
-    def ready_place(self, block: Device) -> dict[str, int]:
+    def ready_place(self, block: Device) -> dict[str, Any]:
         """Return the slot and size of a device's `ready` memory; {} if it has none."""
         if block.ready is None:
             return {}
@@ -403,7 +419,7 @@ class Assembly:
         request = self.input_slot(block, "zero") if "zero" in block.inputs else -1
         return ZeroSteps(zeroing, slot("position"), request, motion.get("law", -1), motion.get("current", -1))
 
-    def switch_slots(self, block: Device, slot: Callable[[str | None], int]) -> dict[str, int]:
+    def switch_slots(self, block: Device, slot: Callable[[str | None], int]) -> dict[str, Any]:
         """Return {field of DeviceSteps: slot} of a drive that can be taken out during a run, {} for another device."""
         if not isinstance(block, Actuator) or "disabled" not in block.parameters:
             return {}

@@ -19,7 +19,7 @@ class Motion:
     """Limits of an actuator's motion and torque during a run (cext/safety/motion_watch.pxd).
 
     acceleration : highest acceleration assumed while stiffness or damping is commanded, rad/s²
-    velocity_code : resolution of the reported velocity, rad/s
+    position_code, velocity_code : resolution of the reported position and velocity, rad and rad/s
     gains : (name of a memory, index) from which the kernel reads the allowed share of stiffness and damping, or None
     range : (lowest, highest) joint angle in rad, () if not declared
     fastest : highest joint speed, rad/s
@@ -33,6 +33,7 @@ class Motion:
     """
 
     acceleration: float = math.inf
+    position_code: float = 0.0
     velocity_code: float = 0.0
     gains: tuple | None = None
     range: tuple = ()
@@ -89,6 +90,10 @@ class Watch:
                 f"acceleration exceeds max_acceleration, {self.motion.acceleration:g} rad/s²: stiffness and damping "
                 "are zero until it is below that limit"
             ),
+            ""
+            if self.motion is None
+            else "replies arrive later than max_transit and one period after their commands: stiffness and damping are "
+            "zero until none has for one to two seconds. Check adapter, load and length of the bus",
         )
 
 
@@ -137,6 +142,23 @@ class StopReply:
     enabled: ReplyField | None = None
     echo: tuple = ()
     reports: bool = False
+
+
+@dataclass(frozen=True)
+class CommandReplies:
+    """How an actuator answers commands (cext/safety/transit.pxd).
+
+    max_transit : time from a command to its reply up to which stiffness and damping are permitted, s
+    report_rate : rate of its reports if it does not answer commands, Hz; 0: it answers each frame once, in order
+    restart_time : shortest silence in which a drive may restart that then obeys without an enable, s; 0 for a drive
+        that must be enabled
+    to_set_up : number of samples with which it answers `set_up_frames`; None: one each
+    """
+
+    max_transit: float
+    report_rate: float = 0.0
+    restart_time: float = 0.0
+    to_set_up: int | None = None
 
 
 @dataclass(frozen=True)
@@ -378,6 +400,10 @@ class Device(Block):
     def disable_frames(self) -> Sequence[Frame]:
         """Return the frames that disable the device. Only arming enables it again."""
         return []
+
+    def command_replies(self) -> CommandReplies | None:
+        """Return its CommandReplies, or None; the age of a sample then begins at its arrival."""
+        return None
 
     def watched(self) -> Watch | None:
         """Return the Watch with its limits during a run, or None."""

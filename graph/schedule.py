@@ -107,6 +107,12 @@ class DeviceSteps:
     disable_slot: int = -1
     active_slot: int = -1
     zeroing: ZeroSteps | None = None  # None for a device without a zero that can be set
+    answers: bool = False  # whether it answers each command with one frame
+    transit: int = -1  # slot of the longest transit, and of the time that `age` does not contain, s; -1: none
+    max_transit: float = 0.0  # s from a command to its reply up to which it has stiffness and damping
+    restart_time: float = 0.0  # s of silence in which it may restart and obey again without an enable; 0: none
+    report_period: float = 0.0  # s between its reports if it does not answer commands
+    set_up_replies: int = 0  # replies with a sample to its set-up frames
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,23 @@ from typing import Any
 
 from blocks.actuators import deviations, law_figures
 from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, STOP_REST_TORQUE, TORQUE_ACCURACY
-from graph import Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Winding, Zeroing
+from graph import (
+    CommandReplies,
+    Deviation,
+    Input,
+    Interval,
+    Memory,
+    Motion,
+    Output,
+    Param,
+    TorqueBound,
+    Watch,
+    Winding,
+    Zeroing,
+)
 from graph.reach import Reach
 
+MAX_TRANSIT = 0.005  # s
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 
 
@@ -148,6 +162,16 @@ class Joint:
         fixed=True,
     )
 
+    max_transit = Param(
+        MAX_TRANSIT,
+        "s",
+        "time from a command to its reply up to which the drive has stiffness and damping, or one period if that is "
+        "longer; the run measures it",
+        above=0.0,
+        max=0.1,
+        fixed=True,
+    )
+
     max_velocity = Param(
         0.0,
         "rad/s",
@@ -193,7 +217,7 @@ class Joint:
     torque = Output("N·m", "torque of the drive, from its current")
     temperature = Output("°C", "temperature of the drive")
     fault = Output("1", "error code of the drive, 0 for none", dtype=int)
-    age = Output("s", "time since the newest reply")
+    age = Output("s", "time since the command that the newest reply answers: no sample is older")
     rms_torque = Output("N·m", "root mean square of the torque over `rms_window`", kernel=False)
     active = Output("1", "whether its commands are sent; false while it is taken out", dtype=bool, kernel=False)
     torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
@@ -202,6 +226,9 @@ class Joint:
     limits: Memory = Memory(
         0.0,
         "limits of the commands, in the same order, and of the whole law; permitted fraction of stiffness and damping",
+    )
+    transit = Memory(
+        (0.0,) * 2, "longest time from a command to its reply, and time by which a sample may be older than `age`, s"
     )
     sent = Memory(
         (0.0,) * 5,
@@ -297,6 +324,10 @@ class Joint:
             motion=self.motion(),
         )
 
+    def command_replies(self) -> CommandReplies:
+        """Return how the drive answers commands: each once."""
+        return CommandReplies(self.max_transit)
+
     def motion(self) -> Motion:
         """Return the monitored quantities of the motion for commands of torque, stiffness and damping."""
         return Motion(
@@ -317,6 +348,7 @@ class Joint:
             "limit": self.torque_limit,
             "accuracy": self.torque_accuracy(),
             "offset": self.offset,
+            "position_code": 2.0 * self.wire[0] / 0xFFFF,
             "position_end": position,
             "velocity_end": velocity,
             "velocity_tolerance": 1e-2 * SCALE_TOLERANCE,
@@ -426,6 +458,7 @@ class Joint:
             period,
             stiffness & Interval(0.0, self.wire[2]),
             damping & Interval(0.0, self.wire[3]),
+            self.max_transit,
         )
         return TorqueBound(
             "assumed", limit, f"while |α| <= {self.max_acceleration:g} rad/s²", self.max_acceleration, law.figures()

@@ -21,6 +21,7 @@ class Law:
     acceleration : rad/s²
     period : s
     stiffness, damping : Intervals of the commands in N·m/rad and N·m·s/rad
+    max_transit : s, longest time from a command to its reply; at least a period
     """
 
     limit: float
@@ -28,6 +29,7 @@ class Law:
     period: float
     stiffness: Interval
     damping: Interval
+    max_transit: float = 0.0
 
     @property
     def usable_damping(self) -> float:
@@ -84,6 +86,13 @@ class Law:
         reached = f"torque that a stall can reach in that time, from |ω| <= {SPEED:g} rad/s, while |α| <= "
         slower = 0.25 * self.acceleration
         return (
+            (
+                "max_transit",
+                max(self.max_transit, self.period),
+                "s",
+                "longest time from a command to its reply on which this rests; beyond, as the run measures it, "
+                "stiffness and damping are zero",
+            ),
             ("usable_damping", self.usable_damping, "N·m·s/rad", "usable damping if the whole law exceeds the limit"),
             (
                 "smallest_inertia",

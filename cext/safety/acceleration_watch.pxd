@@ -50,9 +50,14 @@ cdef inline void forget_acceleration(Acceleration *a) noexcept nogil:
     a.share = 1.0
 
 
+cdef inline double velocity_noise(const Acceleration *a) noexcept nogil:
+    """Return the margin for the noise of the velocity, in rad/s."""
+    return fmin(1e-2 * NOISE_FACTOR * a.noise, 1e-3 * ACCELERATION_NOISE_LIMIT)
+
+
 cdef inline bint is_beyond(Acceleration *a, int64_t time, double velocity, double period) noexcept nogil:
     """Store a new reply, and return whether it exceeds the bound."""
-    cdef double margin = a.codes + fmin(1e-2 * NOISE_FACTOR * a.noise, 1e-3 * ACCELERATION_NOISE_LIMIT)
+    cdef double margin = a.codes + velocity_noise(a)
     cdef int most = <int>min(a.count, REPLIES - 1)
     cdef bint found = False
     cdef double elapsed, change, second

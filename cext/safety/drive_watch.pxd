@@ -18,6 +18,7 @@ cdef enum: # events, each reported once a run
     WARM_EVENT
     DERATED_EVENT
     ACCELERATION_EVENT
+    TRANSIT_EVENT
     EVENT_KINDS
 
 cdef struct Watched:
@@ -29,6 +30,8 @@ cdef struct Watched:
     double full                      # full limit
     double left                      # fraction of it in the last tick
     int64_t reply_time               # ns, of the newest reply
+    double transit                   # s, from the command to it
+    bint late                        # transits exceed what stiffness and damping allow for
     bint replied                     # it has replied in this run
     bint out                         # it is taken out of the run: of its motion nothing is checked
     bint stays_out                   # long enough that it must not produce torque

@@ -21,8 +21,10 @@ from libc.string cimport memset
 
 from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
 from cext.safety.motion_watch cimport (
-    NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_uncommanded, judge_values,
+    NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_jump, judge_motion, judge_uncommanded,
+    judge_values, stiff,
 )
+from cext.safety.jump_watch cimport set_acceleration
 from cext.safety.event_template cimport EventTemplate
 from cext.safety.torque_watch cimport forget_uncommanded
 
@@ -68,6 +70,9 @@ cdef class DriveWatch:
         m.fastest, m.limit, m.accuracy, m.rated = motion.fastest, motion.limit, motion.accuracy, steps.watch.rated
         m.offset, m.position_end, m.velocity_end = motion.offset, motion.position_end, motion.velocity_end
         m.acceleration.bound, m.acceleration.codes = motion.acceleration, 2.0 * motion.velocity_code
+        m.jump.step, m.jump.offset = motion.position_code, motion.offset
+        m.jump.position_end, m.jump.velocity_end = motion.position_end, motion.velocity_end
+        set_acceleration(&m.jump, motion.acceleration)
         m.velocity_scale.tolerance = log(1.0 + motion.velocity_tolerance)
         m.torque_scale.tolerance = log(1.0 + motion.torque_tolerance)
 
@@ -87,6 +92,7 @@ cdef class DriveWatch:
                 "rms_ticks": self.drives[i].ticks[RMS_EVENT],
              "warm_ticks": self.drives[i].ticks[WARM_EVENT], "derated_ticks": self.drives[i].ticks[DERATED_EVENT],
              "acceleration_ticks": self.drives[i].ticks[ACCELERATION_EVENT],
+             "transit_ticks": self.drives[i].ticks[TRANSIT_EVENT],
              "about": ABOUT[self.drives[i].motion.about],
              "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
             for i in range(self.count)
@@ -141,8 +147,12 @@ cdef class DriveWatch:
             forget_motion(&drive.motion)
         else:
             status = judge_values(&drive.motion, arena, temperature)
+        if not drive.off and status == OK:
+            status = judge_jump(&drive.motion, arena, drive.reply_time, drive.transit, not drive.motion.early)
         if not drive.off and status == OK and arena[PERIOD] > 0.0:
-            status = judge_motion(&drive.motion, arena, drive.reply_time, arena[PERIOD], drive.left)
+            status = judge_motion(&drive.motion, arena, drive.reply_time, arena[PERIOD], drive.left, drive.late)
+            if drive.late and stiff(&drive.motion, arena):
+                self.note(drive, TRANSIT_EVENT, tick)
             if drive.motion.beyond:
                 self.note(drive, ACCELERATION_EVENT, tick)
         return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)

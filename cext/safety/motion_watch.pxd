@@ -3,6 +3,7 @@
     implausible     position, velocity or torque is NaN: a fault. So is a temperature that is infinite, or at or below
                     -40 °C, which is outside the use of a wearable robot and typical of a broken sensor; NaN is the
                     temperature of a drive without a sensor
+    position jump   cext/safety/jump_watch.pxd: torque command only, at once; a fault in the next tick
     over-travel     more than 0.05 rad outside the joint's `range`: a fault
     overspeed       faster than `max_velocity` in 3 replies in a row: a fault
     excess torque   measured torque exceeds the limit plus the drive's stated accuracy in 4 replies in a row and for 20
@@ -25,9 +26,10 @@ from libc.stdint cimport int64_t
 
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL,
-    SCALE_MISMATCH, UNCOMMANDED_TORQUE,
+    POSITION_JUMP, SCALE_MISMATCH, UNCOMMANDED_TORQUE,
 )
-from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond
+from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond, velocity_noise
+from cext.safety.jump_watch cimport Jump, forget_jump, is_jump
 from cext.safety.scale_watch cimport ENDS, Scale, Way, compare, follow, forget_scale
 from cext.safety.thresholds cimport (
     EXCESS_TORQUE, EXCESS_TORQUE_REPLIES, FOLLOWING_COMMANDED, FOLLOWING_FAULT, FOLLOWING_FAULT_REPLIES,
@@ -59,6 +61,8 @@ cdef struct Motion:
     int64_t reply_time                       # ns, of the newest checked reply; -1: none
     Uncommanded uncommanded
     Acceleration acceleration
+    Jump jump
+    bint jumped                         # a reply has jumped, and ends the run in the next tick
     Scale velocity_scale, torque_scale
     Way way
     int fast, excessive, idle           # replies in a row
@@ -72,9 +76,10 @@ cdef struct Motion:
 
 cdef inline void forget_motion(Motion *m) noexcept nogil:
     forget_acceleration(&m.acceleration)
+    forget_jump(&m.jump)
     forget_scale(&m.velocity_scale)
     forget_scale(&m.torque_scale)
-    m.way.runs = m.beyond = False
+    m.way.runs = m.beyond = m.jumped = False
     m.reply_time = -1
     m.fast = m.excessive = m.idle = 0
     m.excess_time = m.idle_time = m.asked = m.given = m.given_before = m.wanted = 0.0
@@ -98,11 +103,36 @@ cdef inline int judge_values(Motion *m, const double *arena, double temperature)
     return OK
 
 
-cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, double period, double left) noexcept nogil:
+cdef inline bint stiff(const Motion *m, const double *arena) noexcept nogil:
+    """Return whether stiffness or damping is commanded."""
+    return m.gains >= 0 and (arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0)
+
+
+cdef inline int judge_jump(
+        Motion *m, double *arena, int64_t reply_time, double transit, bint commanded) noexcept nogil:
+    """Check the change of the angle. Returns OK or the fault: at once, or one tick after stiffness and damping.
+
+    transit : s, from the command to the newest reply
+    commanded : whether a tick with commands follows
+    """
+    if m.position < 0 or m.velocity < 0 or reply_time < 0:
+        return OK
+    if m.jumped:
+        return POSITION_JUMP
+    if not is_jump(&m.jump, reply_time, arena[m.position], arena[m.velocity], velocity_noise(&m.acceleration), transit):
+        return OK
+    blame(m, POSITION_JUMP, POSITION, m.jump.change, m.jump.bound)
+    m.jumped = commanded and stiff(m, arena)
+    return OK if m.jumped else POSITION_JUMP
+
+
+cdef inline int judge_motion(
+        Motion *m, double *arena, int64_t reply_time, double period, double left, bint late) noexcept nogil:
     """Check the motion. Returns OK or the fault.
 
     reply_time : ns, of the newest reply
     left : fraction of the limit when the last command was encoded
+    late : whether the transit of replies does not permit stiffness and damping
     """
     cdef double position, velocity, elapsed, wanted, limit
     cdef int64_t step = reply_time - m.reply_time
@@ -114,7 +144,7 @@ cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, doubl
     m.reply_time = reply_time
     elapsed = 1e-9 * step
     position, velocity = arena[m.position], arena[m.velocity]
-    status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period)
+    status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period, late)
     if status != OK:
         return status
     if not m.free and not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
@@ -149,15 +179,18 @@ cdef inline int judge_uncommanded(Motion *m, double wanted, double torque, int64
 
 
 cdef inline int judge_acceleration(
-        Motion *m, double *arena, int64_t reply_time, double velocity, double elapsed, double period) noexcept nogil:
+        Motion *m, double *arena, int64_t reply_time, double velocity, double elapsed, double period,
+        bint late) noexcept nogil:
     cdef bint commanded, persists
     m.beyond = False
     if m.gains < 0:
         return OK
-    commanded = not m.early and (arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0)
+    commanded = not m.early and stiff(m, arena) and not late        # else nothing depends on the bound
     m.beyond = is_beyond(&m.acceleration, reply_time, velocity, period)
     persists = allow_gains(&m.acceleration, m.beyond, commanded, elapsed, period)
     m.beyond &= commanded
+    if m.jumped or late:
+        m.acceleration.share = 0.0
     arena[m.gains] = m.acceleration.share
     return blame(m, BEYOND_ACCELERATION, VELOCITY, m.acceleration.worst,
         m.acceleration.bound) if persists and commanded else OK

@@ -117,6 +117,21 @@ cpdef enum:
     ACCELERATION_FAULT = 50000000
     # periods: shortest such time
     ACCELERATION_FAULT_PERIODS = 6
+    # %: acceleration, of max_acceleration, up to which a change of the angle counts as motion
+    JUMP_ACCELERATION = 400
+    # rad/s²: lowest such acceleration
+    JUMP_ACCELERATION_MINIMUM = 2000
+    # rad/s²: max_acceleration, for such a change, of drives without that parameter
+    JUMP_SUSTAINED = 500
+    # ns: longest duration of such an acceleration; over longer times, max_acceleration counts
+    JUMP_IMPACT = 10000000
+    # ns: shortest time for which motion is allowed between two replies
+    JUMP_INTERVAL = 4000000
+    # ns: time for which the longest measured transit of a drive counts; up to twice that
+    TRANSIT_MEMORY = 1000000000
+    # periods: time without a reply to a command, beyond the transit, that may be a restart of a drive that obeys
+    #     without an enable; and at least its restart_time
+    RESTART_PERIODS = 2
     # mrad: distance outside the range of a joint that ends the run
     TRAVEL_MARGIN = 50
     # replies: consecutive replies beyond max_velocity that end the run

@@ -5,6 +5,7 @@ cext.schedule.device_arming.
 from libc.stdint cimport int64_t
 
 from cext.abi cimport IDLE, OK
+from cext.safety.transit cimport measure_again, note_asked
 from cext.safety.twins cimport note_questions
 from cext.schedule.buses cimport Buses
 from cext.schedule.device_events cimport DeviceEvents
@@ -24,6 +25,7 @@ cdef inline void begin_asking(DeviceTable table, Device *device, bint looked) no
 
 
 cdef inline void begin_enabling(Device *device) noexcept nogil:
+    measure_again(&device.transit)
     device.enabling = True
     device.replies = device.rounds = 0
     device.replies_wanted = device.zero.count
@@ -49,6 +51,7 @@ cdef inline int send_round(
     cdef Device *device = &table.devices[number]
     cdef int status = OK
     cdef int64_t questions = device.zero.count if device.enabling else device.ask.count
+    cdef int64_t without_sample = 0
     if device.enabling:
         if device.enable.count > 0 and not table.has_replied(device):
             if device.rounds % device.enable.count == 0:
@@ -57,15 +60,18 @@ cdef inline int send_round(
             device.rounds += 1
         status |= buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
         note_questions(&device.twins, questions, now)
+        note_asked(&device.transit, questions, now, now, -1)
         return status
     if set_up and device.set_up.count > 0 and not table.has_replied(device):
         if device.rounds % device.set_up.count == 0:
             status |= buses.send(device.bus, device.set_up.frames, device.set_up.count, now, False)
             questions += device.set_up.count
+            without_sample = device.set_up.count - device.set_up_replies
         device.rounds += 1
     status |= buses.send(device.bus, device.ask.frames, device.ask.count, now, False)
     if zero_while_arming(table, events, number):
         status |= buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
         questions += device.set_zero.count
     note_questions(&device.twins, questions, now)
+    note_asked(&device.transit, questions - without_sample, now, now, -1)
     return status

@@ -16,6 +16,7 @@ from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.twins cimport forget_twins
 from cext.safety.zeroing cimport begin_rest
+from cext.safety.transit cimport note_asked
 from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_table cimport Device
 from cext.schedule.relays cimport pump, pump_all
@@ -149,6 +150,7 @@ cdef class DeviceArming:
             count = device.zero.count
             if device.drive.state != ACTIVE:
                 status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
+                note_asked(&device.transit, device.disable.count, now, now, -1)
                 continue
             status |= send_round(self.table, self.buses, self.events, number, set_up, now)
             if device.relay > 0:

@@ -65,6 +65,15 @@ cdef class DeviceReports:
             for index, name in enumerate(self.names) if self.table.devices[index].latency != NULL}
 
     @property
+    def transits(self) -> dict[str, float]:
+        """{path: s, longest certain time from the tick of a command to its reply} of the drives that answer commands.
+        """
+        return {
+            name: 1e-9 * self.table.devices[index].transit.longest
+            for index, name in enumerate(self.names)
+            if self.table.devices[index].transit.answers and self.table.devices[index].transit.measured}
+
+    @property
     def missed(self) -> dict[str, int]:
         """{path: commands without a reply before the next one, from tick `count_from` on} of the commanded devices."""
         return {

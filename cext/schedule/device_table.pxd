@@ -5,6 +5,7 @@ from cext.bus.batch cimport Batch
 from cext.clock.histogram cimport Histogram
 from cext.safety.drive_state cimport DriveState
 from cext.safety.twins cimport Twins
+from cext.safety.transit cimport Transit
 from cext.safety.zeroing cimport Zeroing
 
 cdef enum:
@@ -19,6 +20,15 @@ cdef struct Device:
     const int32_t *encode_sizes
     int bus
     int age                      # slot, -1 if it has none
+    int transit_slot             # of two numbers, s: the longest transit, and what `age` does not contain; -1: none
+    double unseen                # s, the second of them
+    int64_t gap                  # ns, longest between two replies since the previous tick
+    double report_period         # s between its reports; 0 if it answers commands
+    double max_transit           # s
+    double restart_time          # s of silence in which it may restart, and obeys again without an enable; 0: none
+    Transit transit
+    int sends                    # frames in this tick
+    int set_up_replies           # samples with which it answers the frames of set_up
     int fault                    # slot, -1 if it has none
     int ready                    # slot, -1 if arming reads nothing back
     int ready_size               # number of values from there that outlive the start of the blocks
@@ -39,8 +49,7 @@ cdef struct Device:
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it
     int64_t reply_time           # ns, arrival of the newest reply or sample
-    int64_t asked                # ns of the newest command without a reply; -1: none
-    Histogram *latency           # from a command to its reply; NULL in virtual time
+    Histogram *latency           # from a command to its reply, where that is certain; NULL in virtual time
     bint only_reads[FRAMES_PER_BATCH]       # of the frames of set_up: not a command if sent by another controller
     bint reports_enabled         # its replies contain whether it is enabled
     bint enabling                # arming enables it, or has: replies of a disabled drive do not count

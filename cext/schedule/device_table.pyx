@@ -10,6 +10,7 @@ from cext.safety.drive_state cimport OUT, forget_state
 from cext.safety.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
+from cext.safety.transit cimport forget_transit
 from cext.safety.twins cimport forget_twins
 from cext.safety.zeroing cimport forget_zero
 
@@ -59,6 +60,11 @@ cdef class DeviceTable:
         device.encode_slots = <int32_t *><uintptr_t>tables[2].ctypes.data
         device.encode_sizes = <int32_t *><uintptr_t>tables[3].ctypes.data
         device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+        device.transit_slot, device.transit.answers = entry.transit, entry.answers
+        device.max_transit, device.restart_time = entry.max_transit, entry.restart_time
+        device.report_period = entry.report_period
+        device.unseen = 0.0 if entry.answers else entry.max_transit
+        device.set_up_replies = entry.set_up_replies
         device.ready, device.ready_size = entry.ready, entry.ready_size
         if entry.ready_size > READY_NUMBERS:
             raise ValueError(f"{entry.name}: at most {READY_NUMBERS} values outlive the start, not {entry.ready_size}")
@@ -119,13 +125,15 @@ cdef class DeviceTable:
         self.waiting = self.stopping = self.arming = False
         for index in range(self.count):
             device = &self.devices[index]
+            forget_transit(&device.transit)
             device.enabling = device.was_enabled = False
             forget_zero(&device.zeroing)
             forget_state(&device.drive, self.arena)
             forget_twins(&device.twins, 0, 0)
-            device.fades_from = device.asked = -1
+            device.fades_from = -1
             device.reply_time = device.replies = device.replies_wanted = device.missed = 0
             device.owed = device.answered = device.doubtful = False
+            device.gap = 0
             memset(device.malformed, 0, sizeof(device.malformed))
             if device.bands != NULL:
                 (<SpeedBands>device.bands).forget()

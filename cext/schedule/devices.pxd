@@ -44,6 +44,8 @@ cdef class Devices:
     cdef int offer_one(self, int bus, Frame *frame, int *status) noexcept nogil
     cdef bint is_foreign_command(self, const Frame *frame, int answer, int number) noexcept nogil
     cdef bint is_twin(self, Device *device, const Frame *frame) noexcept nogil
+    cdef bint is_prompt(self, const Device *device) noexcept nogil
+    cdef bint may_have_restarted(self, const Device *device, int64_t now) noexcept nogil
     cdef bint is_unconfigured(self, const Device *device) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil

@@ -25,12 +25,14 @@ from cext.safety.drive_watch cimport Watched
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
-from cext.safety.thresholds cimport FADE_IN, STOP_LIMIT
+from cext.safety.thresholds cimport FADE_IN, RESTART_PERIODS, STOP_LIMIT
+from cext.safety.transit cimport longest_transit, note_arrival, note_asked, turn_memory, watch_transit
 from cext.safety.twins cimport forget_twins, note_answer, note_questions
 from cext.safety.zeroing cimport note_command, note_position
 from cext.schedule.arming_round cimport counts
 from cext.schedule.drive_zeroing cimport add_zero, end_zeroing
 from cext.schedule.foreign_commands cimport commanded_device, may_be_reply
+from cext.kernels.devices.mit cimport all_ones
 from cext.schedule.live cimport LiveTable
 
 from cext.schedule.device_reports import DeviceReports
@@ -120,7 +122,11 @@ cdef class Devices:
             device = &self.table.devices[number]
             if device.age >= 0:
                 # the sample may be newer than the tick
-                arena[device.age] = max(now - device.reply_time, 0) * 1e-9
+                arena[device.age] = max(now - sampled_since(device), 0) * 1e-9
+            if device.transit_slot >= 0:
+                turn_memory(&device.transit, now)
+                arena[device.transit_slot] = 1e-9 * longest_transit(&device.transit) + device.unseen
+                arena[device.transit_slot + 1] = device.unseen
             if device.drive.active >= 0:
                 arena[device.drive.active] = device.drive.state == ACTIVE
             if device.zeroing.position >= 0:
@@ -168,7 +174,8 @@ cdef class Devices:
                 status[0] = ESTOP
                 answer = TAKEN
             if answer == ANSWERED:
-                device.owed, device.asked = False, -1
+                note_arrival(&device.transit, frame.time)
+                device.owed = False
             elif answer == TAKEN or answer == IDLE:
                 if device.doubtful and self.table.alone:     # a reply under its own id: the other frame was a command
                     self.table.failed = number
@@ -227,6 +234,7 @@ cdef class Devices:
         for number in range(self.table.count):
             device = &self.table.devices[number]
             if device.drive.state != ACTIVE:
+                device.gap = 0
                 continue
             if self.table.arming and not (device.answered and self.table.has_replied(device)):
                 continue                                     # arming waits for it
@@ -235,6 +243,10 @@ cdef class Devices:
                     and not self.is_unconfigured(device)):
                 self.table.failed = number
                 return SILENT
+            if self.may_have_restarted(device, now):
+                self.table.failed = number
+                return SILENT
+            device.gap = 0
             if device.fault >= 0 and arena[device.fault] != 0.0:
                 self.table.failed = number
                 return DEVICE_FAULT
@@ -242,7 +254,11 @@ cdef class Devices:
         for number in range(self.drives.count):
             watched = &self.drives.drives[number]
             device = &self.table.devices[watched.device]
-            watched.reply_time = device.reply_time
+            watched.reply_time = device.reply_time if device.answered else -1
+            watched.transit = device.unseen
+            if device.transit.answers:
+                watched.transit = 1e-9 * max(device.transit.newest, longest_transit(&device.transit))
+            watched.late = not self.is_prompt(device)
             watched.off = device.zeroing.runs
             watched.out = device.drive.state != ACTIVE
             watched.stays_out = device.drive.state >= OUT and now - device.drive.since > STOP_LIMIT
@@ -254,6 +270,26 @@ cdef class Devices:
             self.table.failed = self.drives.failed
         return status
 
+    cdef bint is_prompt(self, const Device *device) noexcept nogil:
+        """Return whether the measured transit of a drive permits stiffness and damping."""
+        return not device.transit.answers or (device.transit.measured and 1e-9 * longest_transit(&device.transit)
+            <= max(device.max_transit, self.table.arena[PERIOD]) + 1e-9)
+
+    cdef bint may_have_restarted(self, const Device *device, int64_t now) noexcept nogil:
+        """Return whether a drive was silent for long enough to have restarted, and would obey the next command."""
+        cdef double period = self.table.arena[PERIOD]
+        cdef double silent
+        if device.restart_time <= 0.0 or device.zeroing.runs or self.table.waiting or self.table.arming:
+            return False
+        if not device.transit.answers:
+            silent = 1e-9 * max(device.gap, now - device.reply_time) - device.report_period
+            period = 0.0
+        elif device.transit.silent_since >= 0:
+            silent = 1e-9 * (now - device.transit.silent_since - longest_transit(&device.transit))
+        else:
+            return False
+        return silent > max(device.restart_time, RESTART_PERIODS * max(period, device.report_period)) - 1e-9
+
     cdef int command(self) noexcept nogil:
         """Encode the frames of each device into `outgoing`, bus by bus.
 
@@ -262,6 +298,7 @@ cdef class Devices:
         cdef int number, count
         cdef int total = 0
         cdef Device *device
+        cdef const double *arena = self.table.arena
         memset(self.outgoing_count, 0, self.buses.count * sizeof(int32_t))
         for number in range(self.table.count):
             device = &self.table.devices[number]
@@ -275,7 +312,13 @@ cdef class Devices:
             if count < 0:
                 self.table.failed = number
                 return -count
+            if watch_transit(&device.transit, <int64_t>arena[TICK], <int64_t>(1e9 * arena[PERIOD]), count == 1
+                    and device.transit_slot >= 0 and not self.table.waiting
+                    and device.drive.state == ACTIVE and not all_ones(self.outgoing[total].data, 6)):
+                self.outgoing[total + 1] = self.outgoing[total]
+                count = 2
             count = add_zero(self.table, self.events, number, &self.outgoing[total], count)
+            device.sends = count
             total += count
             note_questions(&device.twins, count, self.table.now)
             self.outgoing_count[device.bus] += count
@@ -313,7 +356,7 @@ cdef class Devices:
         """Send the frames of `command`, and those of the drives that are taken out or return."""
         cdef int bus, status
         cdef int first = 0
-        cdef int64_t sent = 0
+        cdef int64_t sent = now
         for bus in range(self.buses.count):
             if self.table.timed:
                 sent = monotonic() - self.buses.began       # a drive can reply before the call returns
@@ -325,7 +368,7 @@ cdef class Devices:
         return self.switch.send(now)
 
     cdef void note_commands(self, int bus, int64_t at, int64_t sent) noexcept nogil:
-        """Start timing the replies of a bus's devices, unless the previous reply is still due.
+        """Start timing the replies of a bus's devices.
 
         at : ns of the frames; sent : ns before they were sent
         """
@@ -340,16 +383,26 @@ cdef class Devices:
                 if device.owed and device.drive.state == ACTIVE and self.table.arena[TICK] >= self.counted_from:
                     device.missed += 1
                 device.owed = True
-            if device.latency != NULL and device.drive.state == ACTIVE:
-                device.asked = sent
+            if device.drive.state == ACTIVE:
+                note_asked(&device.transit, device.sends, at, sent, <int64_t>self.table.arena[TICK])
+
+
+cdef inline int64_t sampled_since(const Device *device) noexcept nogil:
+    """Return the time in ns from which on the newest sample may be."""
+    return device.transit.reference if device.transit.answers and device.transit.reference >= 0 else device.reply_time
 
 
 cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick) noexcept nogil:
     """Note a reply or sample. counts : whether it is one that arming waits for"""
+    cdef int index
     device.owed = device.doubtful = False
+    if device.answered:
+        device.gap = max(device.gap, frame.time - device.reply_time)
     device.answered = True
     device.reply_time = frame.time
     device.replies += counts
-    if device.asked >= 0:
-        add(device.latency, frame.time - device.asked, tick)
-        device.asked = -1
+    note_arrival(&device.transit, frame.time)
+    if device.transit.pending == 0:
+        for index in range(device.transit.uncertain if device.latency != NULL else 0):
+            add(device.latency, device.transit.replies[index], tick)
+        device.transit.uncertain = 0

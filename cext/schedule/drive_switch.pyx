@@ -16,10 +16,11 @@ from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.motion_watch cimport POSITION, VELOCITY, blame
 from cext.safety.zeroing cimport begin_rest
+from cext.safety.transit cimport note_asked
 from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_events cimport NOT_RETURNED, NOT_STOPPED, RETURNED, STOPPED, TAKEN_OUT
 from cext.schedule.handover cimport acquire, release
-from cext.schedule.safe_stop cimport ask
+from cext.schedule.safe_stop cimport ask, under_way
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
@@ -103,7 +104,7 @@ cdef class DriveSwitch:
         device.drive.unconfirmed = True
         device.drive.reported = False
         if device.confirmation != NULL:
-            (<StopConfirmation>device.confirmation).begin(self.table.now)
+            (<StopConfirmation>device.confirmation).begin(self.table.now, under_way(device))
 
     cdef void judge_out(self, int number, int64_t passed) noexcept nogil:
         """Report whether a drive that is out has confirmed that it is disabled. passed : ns since it was"""
@@ -202,6 +203,7 @@ cdef class DriveSwitch:
             if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
                 batch = <Batch *>(<SpeedBands>device.bands).choose(now + 2 * period)
                 status |= self.buses.send(device.bus, batch.frames, batch.count, now, False)
+                note_asked(&device.transit, batch.count, now, now, -1)
             elif device.drive.state == OUT and (
                     now - device.drive.since < STOP_LIMIT or now - device.reply_time < STOP_LIMIT
                     or now - device.drive.sent >= SILENT_ROUND):

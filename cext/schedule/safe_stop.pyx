@@ -12,6 +12,7 @@ from cext.abi cimport OK
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport STOP_LIMIT, STOP_ROUND_MAXIMUM
+from cext.safety.transit cimport longest_transit, note_asked
 from cext.schedule.device_table cimport Device
 from cext.schedule.relays cimport holds_relay, pump
 
@@ -36,7 +37,7 @@ cdef class SafeStop:
             device.damped = device.bands != NULL and device.drive.state < OUT
             device.damp_due = 0
             if device.confirmation != NULL:
-                (<StopConfirmation>device.confirmation).begin(now)
+                (<StopConfirmation>device.confirmation).begin(now, under_way(device))
 
     cdef int64_t send(self, int64_t since, int64_t now, int64_t round) noexcept nogil:
         """Send the due frames of the safe stop `since` ns after its begin: damping by the newest speeds, zero torque
@@ -66,6 +67,7 @@ cdef class SafeStop:
                 if since >= device.damp_due:
                     batch = <Batch *>(<SpeedBands>device.bands).choose(now)
                     self.buses.send(device.bus, batch.frames, batch.count, now, True)
+                    note_asked(&device.transit, batch.count, now, now, -1)
                     device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
                 due = min(due, device.damp_due)
             elif disabling:
@@ -136,7 +138,13 @@ cdef int ask(Device *device, Buses buses, int64_t now, bint zero, bint stopping)
         status = buses.send(device.bus, device.zero.frames, device.zero.count, now, stopping)
     status |= buses.send(device.bus, device.disable.frames, device.disable.count, now, stopping)
     (<StopConfirmation>device.confirmation).sent(now, answers)
+    note_asked(&device.transit, answers, now, now, -1)
     return status
+
+
+cdef int64_t under_way(const Device *device) noexcept nogil:
+    """Return the time in ns that a reply to an earlier command may still be under way, as was measured."""
+    return min(max(device.transit.newest, device.transit.pending, longest_transit(&device.transit)), STOP_LIMIT // 4)
 
 
 cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:

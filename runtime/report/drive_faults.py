@@ -99,6 +99,17 @@ def wire_cure(block: Any, value: float) -> str:
     )
 
 
+def _position_jump(block: Any, about: str, value: float, bound: float) -> str:
+    turn = getattr(block, "shift", 0.0)
+    turns = round(value / turn) if turn else 0
+    turned = f", {abs(turns)} motor turn{'s' * (abs(turns) > 1)}" if turns and abs(value - turns * turn) < 0.03 else ""
+    return (
+        f"the reported angle changed by {value:.3f} rad{turned} between two replies, and motion explains at most "
+        f"{bound:.2g} rad: the drive has restarted or lost count of its turns, its encoder is defective, or another "
+        f"drive has the same id {block.can_id}. Compare the angle with the joint before you arm it again"
+    )
+
+
 def _implausible(block: Any, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
@@ -117,4 +128,5 @@ WORDS = {
     "uncommanded torque": _uncommanded_torque,
     "scale mismatch": _scale_mismatch,
     "implausible": _implausible,
+    "position jump": _position_jump,
 }

@@ -82,7 +82,7 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "out of limits": "a command is outside the proved interval",
             "exception": raised(outcome),
             "no answer": unanswered(result),
-            "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
+            "silent": silent(block, timeout) + read_instead(result, block),
             "device fault": "the device reports a fault",
             "bus error": "the bus can neither send nor receive",
             "overrun": overran(result),
@@ -143,6 +143,18 @@ def seen(program: Program, block: Block | None, what: str, unit: str) -> str:
             if block is not None and row["device"] == block.path
         ),
         "",
+    )
+
+
+def silent(block: Block | None, timeout: str) -> str:
+    """Return for how long a device did not reply. timeout : text of its timeout"""
+    restart = getattr(block, "restart_time", 0.0)
+    if not 0.0 < restart < getattr(block, "timeout", 0.0):
+        return f"no reply for longer than its timeout{timeout}"
+    return (
+        f"no reply for longer than its restart_time ({restart:g} s, or two periods): it may have restarted, and it "
+        "would obey the next command without an enable, at an angle that may have shifted. Check its supply and the "
+        "bus. If the drive was measured to need longer to restart, set restart_time to that"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from graph import Device
@@ -51,7 +52,8 @@ def before_fault(result: RunResult) -> str:
     block = result.diagram.blocks.get(outcome.culprit or "")
     if outcome.status not in CONSEQUENCES or result.failed_in_plant or not isinstance(block, Device):
         return ""
-    silence = round(block.timeout * result.schedule.rate) if outcome.status == "silent" else 0
+    patience = min(block.timeout, getattr(block, "restart_time", 0.0) or block.timeout)
+    silence = math.ceil(patience * result.schedule.rate) if outcome.status == "silent" else 0
     commands = outcome.tick - silence
     lost = result.control.reports.missed.get(block.path, 0) - silence
     if lost < max(LOST_REPLIES_MINIMUM, LOST_FRACTION_MINIMUM * commands):

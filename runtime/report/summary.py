@@ -153,6 +153,7 @@ def watch_text(entry: Mapping[str, Any], rate: float) -> str:
             ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
             ("derated_ticks", "torque limit reduced by temperature"),
             ("acceleration_ticks", "stiffness and damping removed because of acceleration"),
+            ("transit_ticks", "stiffness and damping removed because of late replies"),
         )
         if entry[key]
     ]

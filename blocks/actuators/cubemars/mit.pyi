@@ -42,6 +42,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         wire_damping: float = 0.0,
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
+        max_transit: float = 0.005,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
         disabled: bool | Live = False,

@@ -10,7 +10,7 @@ from blocks.actuators import deviations
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
-from blocks.actuators.joint import Joint, motion_of, winding_of
+from blocks.actuators.joint import MAX_TRANSIT, Joint, motion_of, winding_of
 from cext.kernels.devices.cubemars import servo as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
 from graph import Actuator, DampedStop, Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
@@ -95,6 +95,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         fixed=True,
         kernel=False,
     )
+    restart_time = Reporting.restart_time
+    max_transit: float = MAX_TRANSIT  # of reports, whose transit cannot be measured
     safe_stop = Param("disable", "1", "safe stop: disable, or brake first", choices=("disable", "brake"))
     stop_current = Param(1.0, "A", "braking current in the safe stop", above=0.0, max=CURRENT, fixed=True, kernel=False)
     stop_time = Joint.stop_time
@@ -112,7 +114,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     zero, disable, active = Joint.zero, Joint.disable, Joint.active
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
-    fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
+    fault, age, rms_torque = Joint.fault, Joint.age, Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
     limits = Memory((0.0,) * 3, "lowest and highest command, and its permitted fraction")
@@ -134,6 +136,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         Joint.rated_torque,
     )
     check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
+    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
     prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
     check_temperatures, fastest, rest_torque = Joint.check_temperatures, Joint.fastest, Joint.rest_torque
     check_zero, zeroing = Joint.check_zero, Joint.zeroing  # pyright: ignore[reportAssignmentType]
@@ -238,7 +241,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
         A mode without a commanded current may exceed its limit, up to the peak torque.
         """
-        motion = self.motion_of_any_mode()
+        motion = self.motion_of_any_mode() | {"position_code": self.scales[0]}
         if self.mode not in CURRENTS and self.spec.peak is not None:
             motion["limit"] = self.spec.peak * self.gear_ratio
         current = "current_sent" if self.mode == "current" else None

@@ -40,6 +40,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     duty_limit: Param[float]
     torque_constant: Param[float]
     report_rate: Param[float]
+    restart_time: Param[float]
     safe_stop: Param[Literal['disable', 'brake']]
     stop_current: Param[float]
     stop_time: Param[float]
@@ -68,6 +69,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     limits: Memory
     written: Memory
     check_pose: Any
+    max_transit: Any
     find: Any
     reports_a_tick: Any
     find_limit: Any
@@ -109,6 +111,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         duty_limit: float = 0.1,
         torque_constant: float = 0.0,
         report_rate: float = 100.0,
+        restart_time: float = 0.012,
         safe_stop: Literal['disable', 'brake'] = 'disable',
         stop_current: float = 1.0,
         stop_time: float = 1.0,

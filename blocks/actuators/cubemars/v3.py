@@ -13,7 +13,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
-from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
+from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Output, Param, StopReply
 
 if TYPE_CHECKING:
     from graph.device import DampedStop, Motion
@@ -34,6 +34,15 @@ class Reporting:
         fixed=True,
         kernel=False,
     )
+    restart_time = Param(
+        0.012,
+        "s",
+        "shortest silence in which the drive may have restarted, which ends the run, since it obeys without an enable; "
+        "0 for never, if it was measured that the drive needs longer than `timeout` to restart",
+        min=0.0,
+        fixed=True,
+        kernel=False,
+    )
     torque = Output("N·m", "torque computed from the drive's current and the torque constant")
     current = Output("A", "current of the motor, in the direction of the joint")
     scales = Memory((0.0,) * 3, "rad and rad/s per code of the feedback, N·m per ampere, at the joint")
@@ -42,6 +51,7 @@ class Reporting:
     reports_a_tick: int
     timeout: Any
     offset: Any
+    max_transit: Any
 
     def check_reports(self) -> None:
         """Raise ValueError if the timeout is shorter than two reports."""
@@ -51,6 +61,10 @@ class Reporting:
                 f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the "
                 "drive would appear silent"
             )
+
+    def command_replies(self) -> CommandReplies:
+        """Return how the drive answers commands, or reports instead."""
+        return CommandReplies(self.max_transit, self.report_rate, self.restart_time)
 
     def prepare(self, dt: float) -> None:
         """Compute the reports in a tick. dt : s"""
@@ -110,8 +124,9 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     """
 
     reports_a_tick: int
-    report_rate, check_reports, prepare, feedback_range = (
+    report_rate, restart_time, check_reports, prepare, feedback_range = (
         Reporting.report_rate,
+        Reporting.restart_time,
         Reporting.check_reports,
         Reporting.prepare,  # pyright: ignore[reportAssignmentType]
         Reporting.feedback_range,
@@ -124,6 +139,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         fixed=True,
         kernel=False,
     )
+    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
     torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 
     hardware = (*Joint.hardware, "report_rate", "enter")
@@ -149,7 +165,12 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
 
         They include the torque computed from the current, which verifies the torque constant.
         """
-        return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
+        return replace(
+            super().motion(),
+            position_code=self.scales[0],
+            velocity_code=self.scales[1],
+            torque_tolerance=1e-2 * SCALE_TOLERANCE,
+        )
 
     def feedback_ends(self) -> tuple[float, float]:
         found = self.feedback_range()

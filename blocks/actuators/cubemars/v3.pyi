@@ -10,11 +10,12 @@ from graph.device import DampedStop, Motion
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.joint import Joint
-from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
+from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Output, Param, StopReply
 
 NOTHING: bytes
 class Reporting:
     report_rate: Any
+    restart_time: Any
     torque: Any
     current: Any
     scales: Any
@@ -22,7 +23,9 @@ class Reporting:
     reports_a_tick: int
     timeout: Any
     offset: Any
+    max_transit: Any
     def check_reports(self) -> None: ...
+    def command_replies(self) -> CommandReplies: ...
     def prepare(self, dt: float) -> None: ...
     def feedback_range(self) -> dict[str, Interval]: ...
 class ExtendedFrames:
@@ -37,6 +40,7 @@ class ExtendedFrames:
     def stop_reply(self) -> StopReply: ...
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     report_rate: Param[float]
+    restart_time: Param[float]
     enter: Param[bool]
     torque: Output
     current: Output
@@ -73,10 +77,12 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         wire_damping: float = 0.0,
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
+        max_transit: float = 0.005,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
         disabled: bool | Live = False,
         report_rate: float = 0.0,
+        restart_time: float = 0.012,
         enter: bool = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...

@@ -12,7 +12,7 @@ from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.emulator import ignored_of
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import mit as kernels
-from graph import Actuator, Device, Interval, Memory, Param
+from graph import Actuator, CommandReplies, Device, Interval, Memory, Param
 
 if TYPE_CHECKING:
     from blocks.actuators.robstride.models import Model
@@ -110,6 +110,11 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def reply_frames(self) -> list[tuple[int, int, bool, bytes]]:
         """Return its replies."""
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
+
+    def command_replies(self) -> CommandReplies:
+        """Return how the drive answers commands: parameters without a sample."""
+        parameters = len(self.write_frames()) + len(self.read_frames())
+        return CommandReplies(self.max_transit, to_set_up=len(self.set_up_frames()) - parameters)
 
     def set_up_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return frames that stop the drive, write its settings, and read them back and the faults."""

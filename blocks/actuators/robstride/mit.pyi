@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import StopInMitMode
-from graph import Actuator, Device, Memory, Param
+from graph import Actuator, CommandReplies, Device, Memory, Param
 
 CLEAR_FAULT: bytes
 FAULTS: bytes
@@ -55,6 +55,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         wire_damping: float = 0.0,
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
+        max_transit: float = 0.005,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
         disabled: bool | Live = False,
@@ -87,6 +88,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def addresses(self) -> list[tuple[int, bool]]: ...
     def acceptance_filters(self) -> list[tuple[int, int, bool]]: ...
     def reply_frames(self) -> list[tuple[int, int, bool, bytes]]: ...
+    def command_replies(self) -> CommandReplies: ...
     def set_up_frames(self) -> list[tuple[int, bool, bytes]]: ...
     def write_frames(self) -> list[tuple[int, bool, bytes]]: ...
     def read_frames(self) -> list[tuple[int, bool, bytes]]: ...

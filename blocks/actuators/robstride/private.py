@@ -14,6 +14,7 @@ from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
 from graph import (
     Actuator,
+    CommandReplies,
     Deviation,
     Input,
     Interval,
@@ -165,6 +166,10 @@ class RobStride(Joint, Actuator):
             float(quantity == "position"),
             *limited,
         )
+
+    def command_replies(self) -> CommandReplies:
+        """Return how the drive answers commands: parameters that are read without a sample."""
+        return CommandReplies(self.max_transit, to_set_up=len(self.set_up_frames()) - len(self.read_frames()))
 
     def motion(self) -> Motion:
         """Return the monitored quantities of the motion: in the position and velocity modes without the torque."""

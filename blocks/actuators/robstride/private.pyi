@@ -10,7 +10,7 @@ from graph.device import DampedStop
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride.emulator import EmulatedRobStride
-from graph import Actuator, Deviation, Interval, Memory, Motion, Output, Param, StopReply, TorqueBound
+from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Motion, Output, Param, StopReply, TorqueBound
 
 RUN_MODES: dict[Any, Any]
 POSITION_MODES: tuple[Any, ...]
@@ -62,6 +62,7 @@ class RobStride(Joint, Actuator):
         wire_damping: float = 0.0,
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
+        max_transit: float = 0.005,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
         disabled: bool | Live = False,
@@ -76,6 +77,7 @@ class RobStride(Joint, Actuator):
     def __getattr__(self, name: str) -> Signal: ...
     def __call__(self, *signals: Operand, **named: Operand) -> Any: ...
     def take_one_command(self) -> None: ...
+    def command_replies(self) -> CommandReplies: ...
     def motion(self) -> Motion: ...
     def command_limits(self) -> dict[str, Interval]: ...
     def rating(self) -> str: ...

@@ -1,7 +1,8 @@
 """Torque limit of the law that a drive closes between two frames, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff.
 
 The feedback has an age, and a frame stays in force until the next one arrives. The limit holds for every motion with
-|α| <= max_acceleration over Δ = age + one period + one period by which the next frame is late; not beyond.
+|α| <= max_acceleration over Δ = age + one period + the longest transit, and at least one period more, by which the next
+frame is late; not beyond. The age begins with the command that the feedback answers, so it contains the ways of both.
 
     share(x, r)   the largest s <= 1 with |τ_ff + s x| + s r <= limit
 
@@ -31,7 +32,9 @@ cdef struct Known:              # data from which a frame is computed
     double velocity             # rad/s
     double age                  # s
     double period               # s, until the next frame
+    double late                 # s, by which that may be late
     double acceleration         # a, rad/s²
+    bint fresh                  # whether the age permits gains
     double gains                # permitted fraction of stiffness and damping
     double offset               # of the codes of position, rad
     double position_end         # largest values that a frame can carry
@@ -65,6 +68,22 @@ cdef inline int accept(Law *law, const double *limits, double share, bint *limit
     return OK
 
 
+cdef inline double oldest_age(double period, double max_transit) noexcept nogil:
+    """Return the age of feedback, in s, up to which a frame has gains: of two periods, or of one and a transit."""
+    return fmax(2.0 * period, period + max_transit) + 1e-9
+
+
+cdef inline void know_times(
+        Known *known, double age, double period, double max_transit, const double *transit) noexcept nogil:
+    """Set the times.
+
+    age, period, max_transit : s
+    transit : s, the longest transit that was measured, and the time by which feedback may be older than `age`
+    """
+    known.fresh = age <= oldest_age(period, max_transit)
+    known.age, known.period, known.late = age + transit[1], period, fmax(period, transit[0])
+
+
 cdef inline double quotient(double room, double need) noexcept nogil:
     """Return the fraction of `need` that fits, 0 to 1."""
     return 1.0 if need <= room else room / need if room > 0.0 else 0.0
@@ -79,7 +98,7 @@ cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcep
     cdef double K = law.stiffness
     cdef double B = law.damping
     cdef double half_way = known.age + 0.5 * known.period
-    cdef double end = known.age + 2.0 * known.period
+    cdef double end = known.age + known.period + known.late
     cdef double speed = fabs(known.velocity) + 2.0 * known.velocity_step
     cdef double position_error = law.position - known.position
     cdef double velocity_error = law.velocity - known.velocity
@@ -90,7 +109,7 @@ cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcep
     cdef double spread = K * of_spring + B * of_damper
     cdef double error = K * position_error + B * velocity_error
     cdef double share, most, torque, lost, gained
-    if not (known.age <= 2.0 * known.period + 1e-9 and isfinite(ahead)):
+    if not (known.fresh and isfinite(ahead)):
         law.stiffness = law.damping = 0.0
         return True
     if not (fmax(fabs(ahead + known.offset), fabs(known.position + known.offset)) < known.position_end - 2.0

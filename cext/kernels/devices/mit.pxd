@@ -8,19 +8,20 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport AUTHORITY, OK, PERIOD, Frame
-from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
+from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside, know_times
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
 cdef struct Mit:                # of blocks.actuators.joint.Joint; each family's struct contains it
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command
     int32_t position, velocity, torque, temperature, fault, age, torque_sent, limited
-    int32_t can_id, invert, offset, max_acceleration
+    int32_t can_id, invert, offset, max_acceleration, max_transit
+    int32_t transit             # s, the longest measured, and what the age of the feedback does not contain
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
     # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping and torque of the last frame
 
-cdef inline str mit_sizes(): return "wire[5] limits[7] sent[5]"
+cdef inline str mit_sizes(): return "transit[2] wire[5] limits[7] sent[5]"
 
 cdef struct Codes:              # of a command
     uint32_t position
@@ -63,8 +64,9 @@ cdef inline bint limit_law(
     cdef double *wire = arena + at.wire
     cdef double *limits = arena + at.limits
     cdef Known known
-    known.position, known.velocity, known.age = arena[at.position], arena[at.velocity], arena[at.age]
-    known.period, known.acceleration, known.gains = arena[PERIOD], arena[at.max_acceleration], limits[6]
+    know_times(&known, arena[at.age], arena[PERIOD], arena[at.max_transit], arena + at.transit)
+    known.position, known.velocity = arena[at.position], arena[at.velocity]
+    known.acceleration, known.gains = arena[at.max_acceleration], limits[6]
     known.offset, known.position_end, known.velocity_end = arena[at.offset], wire[0], wire[1]
     known.position_step, known.velocity_step = position_step, velocity_step
     known.stiffness_step, known.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF

@@ -250,7 +250,7 @@ def test_only_a_drive_at_rest_confirms_the_safe_stop(kind, model, current, error
     for 200 ms.
     """
     with Diagram("robot", rate=200) as robot:
-        drive = kind(model, name="drive")
+        drive = kind(model, name="drive", restart_time=0.0)  # its reports have no times
         drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": 0.0})
     with Diagram("plant", rate=1000) as plant:
         chatter = Chatter(current, error, name="chatter")
@@ -302,7 +302,8 @@ FAULTS = [
     ({"fault": lambda: Code(3)()}, "device fault"),
     ({"silent": lambda: During(0.2)()}, "silent"),
     ({"power_lost": lambda: During(0.2)()}, "silent"),
-    ({"power_lost": lambda: During(0.2, 0.25)()}, "device fault"),
+    ({"power_lost": lambda: During(0.2, 0.25)()}, "silent"),
+    ({"power_lost": lambda: During(0.2, 0.204)()}, "device fault"),
     ({"dropped": lambda: Lost()()}, "silent"),
 ]
 
@@ -342,9 +343,8 @@ class Lost(Block):
 def test_a_drive_with_a_fault_ends_the_run(kind, model, parameters, wires, status):
     name = "torque_command" if kind is CubeMarsV3 else f"{parameters.get('mode', 'current')}_command"
     recording, drive = played(kind, model, 500, {name: 0.3}, plant=wires, **parameters)
-    assert (recording.outcome.status, recording.outcome.culprit) == (status, "drive") and 0.19 < recording.time[
-        -1
-    ] < 0.32
+    assert (recording.outcome.status, recording.outcome.culprit) == (status, "drive")
+    assert 0.19 < recording.time[-1] < 0.26
 
 
 @pytest.mark.parametrize("report_rate", [0.0, 200.0])
@@ -357,7 +357,7 @@ def test_power_cycled_drive_is_reported_and_disabled(report_rate):
         drive(torque_command=1.0)
     with Diagram("plant", rate=1000) as plant:
         emulated, witness = drive.emulator(), Witness()
-        emulated(position=0.0, velocity=0.0, power_lost=During(0.2, 0.25)())
+        emulated(position=0.0, velocity=0.0, power_lost=During(0.2, 0.204)())
         witness(enabled=emulated.enabled, torque=emulated.torque)
     rig = Rig(robot, plant)
     outcome = rig.run(200)

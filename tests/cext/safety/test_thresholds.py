@@ -101,7 +101,7 @@ def test_every_threshold_has_a_value_a_unit_and_a_meaning():
     assert {each.name: each.value for each in table()} == {
         name: int(value) for name, value in vars(thresholds).items() if name.isupper()
     }
-    units = {"ns", "s", "‰", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "°C"}
+    units = {"ns", "s", "‰", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "rad/s²", "°C"}
     assert all(each.unit in units and (each.value > 0 or each.unit == "°C") for each in table())
 
 

@@ -183,7 +183,9 @@ def test_joint_may_be_moved_by_hand_before_the_confirmation_but_not_armed_outsid
     """Out of its range and back: then it is armed; left there, it is refused without being enabled."""
 
     def visits(step):
-        return (0.3, 0.0) if not 500 <= step < 1500 else (1.5, 0.0)
+        """With 3 rad/s there from step 500 on, and back until step 1500."""
+        way = min(max(min(step - 500, 1500 - step), 0), 400)
+        return 0.3 + 3e-3 * way, 3.0 * (0 < way < 400) * (1.0 if step < 1000 else -1.0)
 
     inside = Operator(kind, model, parameters | {"range": (0.0, 1.0)}, {2000: "confirm"}, joint=visits)
     assert inside.run().status == "ok"

@@ -199,7 +199,7 @@ def test_input_arms_when_held_for_a_second_after_it_was_released(presses, armed)
         y = Output("rad")
 
         def step(self, tick):
-            return float(any(begin <= tick < end for begin, end in presses))
+            return 0.505 if any(begin <= tick < end for begin, end in presses) else 0.495  # above 0.5: pressed
 
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)

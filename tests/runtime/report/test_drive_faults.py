@@ -46,12 +46,12 @@ SAID = {
     ),
     "excess torque": (
         {
-            "motion": "(0.1 if t < 0.3 else 0.5), 0.0",
+            "motion": "0.1 + 0.4 * min(max(t - 0.3, 0.0), 1.0), 0.4 * (0.3 < t < 1.3)",
             "commands": "position_command=0.1, stiffness_command=10.0",
             "emulator": "wire_stiffness=5e3",
         },
-        r"the drive measures -18 N·m, above its limit of 9 N·m by more than the assumed accuracy of 1.8 N·m. Compare "
-        r"wire_stiffness, wire_damping and",
+        r"the drive measures -\d+(?:\.\d)? N·m, above its limit of 9 N·m by more than the assumed accuracy of 1.8 N·m. "
+        r"Compare wire_stiffness, wire_damping and",
     ),
     "over-travel": (
         {"motion": "t, 1.0", "parameters": "range=(-0.1, 0.5)"},
@@ -98,6 +98,12 @@ SAID = {
     "scale mismatch of a stuck encoder": (
         {"motion": "0.0, 2.0"},
         "the reported position is constant while the reported velocity changes. Check the encoder",
+    ),
+    "position jump": (
+        {"motion": "(0.1 if t < 0.3 else 0.1 + 1.396), 0.0", "commands": "position_command=0.1, stiffness_command=5.0"},
+        r"the reported angle changed by 1.39\d rad, 2 motor turns between two replies, and motion explains at most "
+        r"0.0\d+ rad: the drive has restarted or lost count of its turns, its encoder is defective, or another "
+        r"drive has the same id 1. Compare the angle with the joint before you arm it again",
     ),
     "implausible": (
         {

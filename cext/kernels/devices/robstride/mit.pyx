@@ -26,6 +26,7 @@ from cext.abi cimport (
 )
 from cext.conversion cimport to_u32
 cimport cext.kernels.devices.drives as drives
+from cext.kernels.devices.drive_law cimport oldest_age
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 from cext.kernels.devices.robstride.settings cimport (
     PLACE, READ_BACK_SIZE, READY, VALUE, differs, is_as_written, little_endian, note_read, place_of, settings_size,
@@ -176,6 +177,7 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     cdef double *talk = arena + at.talk
     cdef double *sent = arena + at.mit.sent
     cdef double period = arena[PERIOD]
+    cdef double transit = arena[at.mit.transit]
     cdef double torque = arena[at.mit.torque_sent]
     cdef double[5] held
     cdef bint asks = reads_faults_now(arena, at, talk)
@@ -184,11 +186,12 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     # the command before a request stays in force for one more period: its law is bounded over that, too
     talk[PREPARED] = (
         not asks and (talk[READY] != 0.0 or arena[at.settings] == 0.0)
-        and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9)
+        and arena[TIME] + period + 1e-9 >= talk[NEXT]
+        and arena[at.mit.age] <= oldest_age(period, arena[at.mit.max_transit]))
     if talk[PREPARED] != 0.0:
-        arena[PERIOD] = 1.5 * period
+        arena[PERIOD], arena[at.mit.transit] = 1.5 * period, transit + 0.5 * period
     count = encode_command(arena, &at.mit, &frames[0])
-    arena[PERIOD] = period
+    arena[PERIOD], arena[at.mit.transit] = period, transit
     if count != 1:
         return count
     if asks:                    # the command is checked but not sent; the last one stays in force

@@ -22,7 +22,7 @@ from cext.abi cimport (
     AUTHORITY, COMMANDED, EXTENDED, FOREIGN, IDLE, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS,
     PERIOD, POWER_LOSS, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
-from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
+from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside, know_times
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 from cext.kernels.devices.robstride.settings cimport (
     PLACE, READY, VALUE, differs, little_endian, note_read, place_of, settings_size,
@@ -164,12 +164,13 @@ cdef inline void put(uint8_t *data, uint32_t code) noexcept nogil:
 cdef struct Operation:
     Address address
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command, position
-    int32_t velocity, age, torque_sent, limited, invert, offset, max_acceleration, wire
+    int32_t velocity, age, torque_sent, limited, invert, offset, max_acceleration, max_transit, wire
+    int32_t transit             # s, the longest measured, and what the age of the feedback does not contain
     # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping, torque of the last frame
 
-OPERATION = items((<Operation *>ITEMS)[0], "wire[5] limits[7] sent[5]")
+OPERATION = items((<Operation *>ITEMS)[0], "transit[2] wire[5] limits[7] sent[5]")
 
 
 cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil:
@@ -177,8 +178,9 @@ cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil
     cdef double *wire = arena + at.wire
     cdef double *limits = arena + at.limits
     cdef Known known
-    known.position, known.velocity, known.age = arena[at.position], arena[at.velocity], arena[at.age]
-    known.period, known.acceleration, known.gains = arena[PERIOD], arena[at.max_acceleration], limits[6]
+    know_times(&known, arena[at.age], arena[PERIOD], arena[at.max_transit], arena + at.transit)
+    known.position, known.velocity = arena[at.position], arena[at.velocity]
+    known.acceleration, known.gains = arena[at.max_acceleration], limits[6]
     known.offset, known.position_end, known.velocity_end = arena[at.offset], wire[0], wire[1]
     known.position_step, known.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFFF
     known.stiffness_step, known.damping_step = wire[2] / 0xFFFF, wire[3] / 0xFFFF
