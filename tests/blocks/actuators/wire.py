@@ -10,7 +10,7 @@ from cext.schedule.kernel_table import address, call_kernel
 from graph import Diagram, compile
 from graph.arena_layout import kernel_table
 
-FOREIGN, TAKEN, MALFORMED = 0, 1, -1  # cext/abi.pxd: what a decode returns
+FOREIGN, TAKEN, IDLE, MALFORMED = 0, 1, 7, -1  # cext/abi.pxd: what a decode returns
 NOT_FINITE, OUT_OF_LIMITS = -1, -2  # and an encode that refuses
 EXTENDED, REMOTE, ERROR_FRAME = 0x80000000, 0x40000000, 0x20000000
 AUTHORITY = 6  # slot of the share of a command that is let through
