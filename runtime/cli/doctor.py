@@ -65,6 +65,13 @@ def main(arguments: Sequence[str]) -> int:
         help="overlay for a Raspberry Pi's config.txt, such as mcp251xfd,spi0-0,interrupt=25",
     )
     parser.add_argument(
+        "--hotspot",
+        type=_network,
+        metavar="NAME",
+        help="let the script configure an access point of this name on wlan0; it asks for the password",
+    )
+    parser.add_argument("--remote-desktop", action="store_true", help="let the script enable a remote desktop")
+    parser.add_argument(
         "--user", type=_name, help="user that runs the robot, for the script (default: the present user)"
     )
     parser.add_argument(
@@ -82,9 +89,18 @@ def main(arguments: Sequence[str]) -> int:
         help="check another machine: a folder with its files, and the outputs of its commands in DIR/commands",
     )
     options = parser.parse_args(arguments)
+    if (options.hotspot or options.remote_desktop) and not options.script:
+        raise BadInput("--hotspot and --remote-desktop are parts of the script: add --script")
     machine = Machine(options.root)
     user = options.user or (os.environ.get("SUDO_USER") if machine.here else None)
-    wants = Wants(bitrate=options.bitrate, user=user, folder=options.folder, overlays=options.overlays)
+    wants = Wants(
+        bitrate=options.bitrate,
+        user=user,
+        folder=options.folder,
+        overlays=options.overlays,
+        hotspot=options.hotspot or "",
+        remote_desktop=options.remote_desktop,
+    )
     findings = examine(machine, wants)
     if options.script:
         print_lines(script(machine, wants, findings, program()))
@@ -151,6 +167,12 @@ def _overlay(text: str):
 def _name(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][\w.-]*\$?", text):
         raise BadInput(f"--user {text}: expected a user name")
+    return text
+
+
+def _network(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,32}", text):
+        raise BadInput(f"--hotspot {text}: expected 1 to 32 letters, digits, dots, hyphens and underscores")
     return text
 
 

@@ -5,6 +5,7 @@
     kernel, power, user, can, ports, python
                 the checks, by topic
     script      shell script with the automatic remedies
+    access      parts of the script on request: access point, remote desktop
     command     command line
 
 A check is a function of (machine, wants) that returns a Finding, a list of them, or None if it does not apply.

@@ -1,7 +1,7 @@
 """Shell script of `doctor --script` with the remedies of findings.
 
-The script consists of parts with a comment on the reason of each. Running it again changes nothing. With DESTDIR set,
-it writes its files below that folder, runs no commands, and needs no root.
+The script consists of parts with a comment on the reason of each, and of the parts that were requested. Running it
+again changes nothing. With DESTDIR set, it writes its files below that folder, runs no commands, and needs no root.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from runtime.doctor import access
 from runtime.machine.can import speed
 from runtime.machine.finding import OK
 from runtime.machine.realtime import GROUP, LIMITS_FILE
@@ -72,13 +73,15 @@ def script(machine: Machine, wants: Wants, findings: Sequence[Finding], program:
         if finding.part and finding.verdict != OK:
             wanting.setdefault(finding.part, []).append(finding)
     about = _one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
-    if not wanting:
+    requested = access.parts(machine, wants)
+    if not wanting and not requested:
         return ["#!/bin/sh", f"# {about}", f"# `{program} doctor --script` found nothing that a script can change."]
     parts = [
         reasons(wanting[name]) + part(wants, wanting[name]).lstrip("\n")
         for name, part in PARTS.items()
         if name in wanting
     ]
+    parts += requested
     if {"overlay", "i2c speed"} & wanting.keys():
         parts.insert(0, CONFIG_LINE.format(config=FIRMWARE_CONFIG if machine.exists(FIRMWARE_CONFIG) else OLDER_CONFIG))
         parts.append('if [ "${restart:-}" = yes ]; then echo "restart for the changes in config.txt"; fi')

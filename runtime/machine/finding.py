@@ -38,6 +38,8 @@ class Wants:
     user : account that runs the robot; the calling one by default
     folder : of the recordings
     overlays : lines for a Raspberry Pi's config.txt, without `dtoverlay=`
+    hotspot : name of the access point that the script configures; "" for none
+    remote_desktop : whether the script enables a remote desktop
     """
 
     bitrate: int = 1_000_000
@@ -46,3 +48,5 @@ class Wants:
     user: str | None = None
     folder: str = "recordings"
     overlays: list[str] = field(default_factory=list)
+    hotspot: str = ""
+    remote_desktop: bool = False

@@ -86,6 +86,12 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
             "--overlay x; rm: expected the value of dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25",
         ),
         (["--user", "a b"], "--user a b: expected a user name"),
+        (
+            ["--script", "--hotspot", "a b"],
+            "--hotspot a b: expected 1 to 32 letters, digits, dots, hyphens and underscores",
+        ),
+        (["--hotspot", "leg"], "--hotspot and --remote-desktop are parts of the script: add --script"),
+        (["--remote-desktop"], "--hotspot and --remote-desktop are parts of the script: add --script"),
         (["--root", "nowhere"], "--root nowhere: no such folder"),
     ],
 )

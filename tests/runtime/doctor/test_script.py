@@ -1,6 +1,7 @@
 """The script of the doctor: only what was found wanting, good shell, and the same when it is run again."""
 
 import os
+import re
 import shutil
 import subprocess
 
@@ -52,12 +53,16 @@ def written(tmp_path):
     return written
 
 
-def look(path, folder):
+def attempt(path, folder, typed=""):
+    """Run the script with its files below a folder and what is typed. Returns the process."""
+    environment = {**os.environ, "DESTDIR": str(folder)}
+    return subprocess.run(["sh", path], env=environment, input=typed, capture_output=True, text=True, timeout=10)
+
+
+def look(path, folder, typed="", asked=""):
     """Run the script with its files below a folder. Returns its output."""
-    process = subprocess.run(
-        ["sh", path], env={**os.environ, "DESTDIR": str(folder)}, capture_output=True, text=True, timeout=10
-    )
-    assert (process.returncode, process.stderr) == (0, ""), process
+    process = attempt(path, folder, typed)
+    assert (process.returncode, process.stderr) == (0, asked), process
     return process.stdout.splitlines()
 
 
@@ -97,7 +102,7 @@ def test_each_part_is_needed_by_a_machine(tmp_path):
 def test_script_has_only_the_missing_parts(written):
     path, text = written(LAPTOP)
     assert "latency_timer" in text and "scaling_governor" in text and "ID_MM_PORT_IGNORE" in text
-    for absent in ("nvpmodel", "mttcan", "config.txt", "sched_rt_runtime_us", "80-tickwork-can"):
+    for absent in ("nvpmodel", "mttcan", "config.txt", "sched_rt_runtime_us", "80-tickwork-can", "hotspot", "xrdp"):
         assert absent not in text
 
 
@@ -171,6 +176,60 @@ def test_a_jetson_gets_its_power_mode_by_number_and_its_clocks_at_every_start(wr
     assert (
         "ExecStart=/usr/bin/jetson_clocks\n" in files(tmp_path / "into")["etc/systemd/system/tickwork-clocks.service"]
     )
+
+
+HOTSPOT = "etc/NetworkManager/system-connections/tickwork-hotspot.nmconnection"
+ASKED = "password for the access point leg-1, 8 to 63 characters:\n"
+
+
+@pytest.mark.parametrize("name", ["pi", "jetson", "nothing"])
+def test_access_point_and_remote_desktop_are_added_on_request(written, tmp_path, name):
+    path, text = written(MACHINES[name], hotspot="leg-1", remote_desktop=True)
+    if shutil.which("shellcheck"):
+        checked = subprocess.run(["shellcheck", path], capture_output=True, text=True, timeout=30)
+        assert checked.returncode == 0, checked.stdout
+    said = look(path, tmp_path / "into", "walk the dog\n", ASKED)
+    assert "not run: nmcli connection reload" in said and "walk" not in text
+    desktop = "raspi-config nonint do_vnc 0" if name == "pi" else "systemctl enable --now xrdp"
+    assert f"not run: {desktop}" in said
+    left = files(tmp_path / "into")
+    assert "\nssid=leg-1\n" in left[HOTSPOT] and "\npsk=walk\\sthe\\sdog\n" in left[HOTSPOT]
+    assert (tmp_path / "into" / HOTSPOT).stat().st_mode & 0o777 == 0o600
+    again = look(path, tmp_path / "into")  # no question
+    assert files(tmp_path / "into") == left and "not run: nmcli connection reload" not in again
+
+
+@pytest.mark.parametrize(
+    "tree, desktop", [(PI_4, "raspi-config nonint do_vnc 1"), ({}, "systemctl disable --now xrdp")]
+)
+def test_requested_parts_state_how_to_undo_them(written, tree, desktop):
+    _, text = written(tree, hotspot="leg-1", remote_desktop=True)
+    assert "# Undo, also to change the password: sudo nmcli connection delete tickwork-hotspot\n" in text
+    assert f"# Undo: sudo {desktop}\n" in text
+
+
+@pytest.mark.parametrize("password", ["", "seven77", "é" * 9, "x" * 64, "tab\tbetween"])
+def test_password_that_wpa_rejects_leaves_no_file(written, tmp_path, password):
+    process = attempt(written({}, hotspot="leg-1")[0], tmp_path / "into", password + "\n")
+    assert (process.returncode, process.stdout) == (1, "")
+    assert process.stderr.endswith(
+        "the password must have 8 to 63 letters, digits and signs of ASCII: run this again\n"
+    )
+    assert not (tmp_path / "into").exists()
+
+
+@pytest.mark.skipif(shutil.which("nmcli") is None, reason="needs NetworkManager's nmcli")
+def test_networkmanager_reads_the_access_point_and_any_password(written, tmp_path):
+    password = " a\\s\\\\b$(touch x)`touch x`\"';#=[wifi] "
+    look(written({}, hotspot="leg-1")[0], tmp_path / "into", password + "\n", ASKED)
+    ask = ["nmcli", "--offline", "connection", "modify", "connection.zone", ""]
+    with open(tmp_path / "into" / HOTSPOT) as file:
+        read = subprocess.run(ask, stdin=file, capture_output=True, text=True, timeout=10)
+    assert (read.returncode, read.stderr) == (0, "")
+    lines = read.stdout.splitlines()
+    assert {"mode=ap", "ssid=leg-1", "key-mgmt=wpa-psk", "method=shared", "interface-name=wlan0"} <= set(lines)
+    [psk] = [line.removeprefix("psk=") for line in lines if line.startswith("psk=")]
+    assert re.sub(r"\\(.)", lambda match: " " if match[1] == "s" else match[1], psk) == password
 
 
 def test_texts_of_a_malicious_machine_remain_comments(written, tmp_path):
