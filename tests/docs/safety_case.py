@@ -21,15 +21,26 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "The torque is higher than intended",
         "Injury of a joint, a fall.",
         {
-            "a": "A diagram compiles only if every torque command provably lies within the limit of its actuator.",
+            "a": "A diagram compiles only if every torque command lies within the limit of its actuator, over the "
+            "ranges that its blocks declare.",
             "b": "A drive's encoder rejects a command beyond the limit, and no frame of that tick is sent.",
             "c": "Where the drive closes the loop, its stiffness and damping are reduced so that its whole law stays "
-            "within the limit, for accelerations up to `max_acceleration`.",
+            "within the limit, for accelerations up to `max_acceleration` and replies up to `max_transit` late. Later "
+            "replies, or an angle that cannot have come from motion, remove stiffness and damping.",
             "d": "Acceleration beyond that removes stiffness and damping, and ends the run if it persists.",
             "e": "A measured torque beyond the limit and its accuracy ends the run.",
             "f": "A drive whose range of position, velocity or torque differs from the table ends the run, as far as "
             "its measurements show it.",
-            "g": "A change of a live parameter stays within the bounds of the proof, whichever process requests it.",
+            "g": "A change of a live parameter stays within the bounds of the proof and the rules between parameters, "
+            "at each tick of a ramp and whichever process requests it. The output that a disabled limiter holds "
+            "follows its limit.",
+            "h": "A setting that differs from the table of its drive and may scale the torque, and a mode in which "
+            "nothing limits it, are warnings of `check`. No robot is armed with one that the operator has not accepted "
+            "by its name.",
+            "i": "The settings of a RobStride on which its limits rest are read back before it is enabled. CubeMars "
+            "boards cannot be read; the table before arming states it.",
+            "j": "A torque above 5 % of the rated torque without a command, before or during a run, ends it after "
+            "60 ms.",
         },
     ),
     "H2": (
@@ -54,11 +65,16 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "The robot moves unexpectedly",
         "A fall, crushed fingers.",
         {
-            "a": "After all devices have responded, torque stays zero until the operator confirms the measurements.",
+            "a": "After all devices have responded, torque stays zero until the operator confirms the measurements. A "
+            "key that was pressed before the question has no effect, however late it is delivered.",
             "b": "Without a terminal for that confirmation, a run on a robot is rejected before anything is sent.",
-            "c": "Nothing enables a motor again by itself: neither a drive that was power-cycled nor a run that ended.",
-            "d": "A run that was suspended and continues sends no torque.",
+            "c": "On a robot, no frame that enables a drive or commands a torque is sent before every device, an "
+            "emergency stop among them, has responded and the operator has confirmed, and after a fault not before a "
+            "new confirmation. A drive that was power-cycled in a run has no torque afterwards; one that obeys without "
+            "being enabled, if it was silent for `restart_time` or reports its restart.",
+            "d": "A run that was suspended and continues, or whose computer was suspended, sends no torque.",
             "e": "A bus has one controller: a second run is rejected.",
+            "f": "A computer that can sleep is kept awake during a run, or the run prints why not.",
         },
     ),
     "H5": (
@@ -69,6 +85,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "A joint whose angle is ambiguous after power-up is not armed.",
             "c": "A joint outside its range ends the run.",
             "d": "A setpoint outside the range, such as degrees entered as radians, is an error before the run.",
+            "e": "An angle that changes by more than motion can explain, such as a motor turn, ends the run.",
+            "f": "Two drives with one id are not armed. A second one that appears in a run ends it.",
         },
     ),
     "H6": (
@@ -96,10 +114,11 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "Drives hold their last command.",
         {
             "a": "An exception in any block ends in the safe stop within its tick.",
-            "b": "A block that hangs is stopped by the watchdog.",
+            "b": "A block that hangs is stopped by the watchdog, which has the devices to itself before it sends.",
             "c": "The guardian stops the motors after a crash of the process.",
             "d": "The guardian stops the motors after the death of the process (`kill -9`).",
-            "e": "The guardian stops the motors if the loop stalls or is suspended.",
+            "e": "The guardian stops the motors if the loop stalls or is suspended. A loop that was held within a send "
+            "adds at most that batch, and the stop is repeated after it.",
             "f": "Nothing is armed without the guardian, and a run ends if it dies.",
             "g": "Where control process and guardian both die, or the computer loses its power, the time-out in the "
             "drive or a relay stops it. `check` and the table before arming list the drives with neither.",
@@ -110,9 +129,15 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "Any of the above lasts longer.",
         {
             "a": "Ctrl-C, a closed terminal and every signal end in the safe stop.",
-            "b": "The space bar ends in the safe stop.",
-            "c": "A press of the emergency-stop button, or its silence, ends the run before another command is sent.",
-            "d": "The stop is repeated until every drive has confirmed it. Drives that have not are reported.",
+            "b": "The space bar ends in the safe stop, also while the recorder is stopped or dead, the queue of "
+            "requests is full, or the terminal takes no output.",
+            "c": "A press of the emergency-stop button, or its silence, ends the run before another command is sent. "
+            "Two senders with one id end it too, because each would hide the silence of the other.",
+            "d": "The stop is repeated until each drive has confirmed it: by torque or current near zero and, where it "
+            "reports it, its disabled state, in as many replies as were asked for. Drives that have not confirmed "
+            "after 200 ms are named, and their frames go on.",
+            "e": "Where the network is not the robot's own, the button signs its frames. Others, changed ones and "
+            "recorded ones do not count.",
         },
     ),
     "H10": (

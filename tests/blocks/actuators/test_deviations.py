@@ -32,6 +32,7 @@ def test_no_model_deviates_from_its_own_table(kind, table, gear_ratio):
         assert found(kind(name, limit=1.0, gear_ratio=gear_ratio, **constant)) == {}, name
 
 
+@pytest.mark.hazard("H1h")
 @pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK10-9-V3.0"), (RobStride, "RS02")])
 @pytest.mark.parametrize("name", WIRE)
 @pytest.mark.parametrize("share", [0.25, 2.0])

@@ -6,6 +6,8 @@ import struct
 import subprocess
 import sys
 
+import pytest
+
 from blocks.sources import Constant
 from cext.safety.shared_state import SharedState
 from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
@@ -62,6 +64,7 @@ def test_a_crash_raises_the_fence_for_good():
     assert fence_of(page) == FOR_GOOD and page.crashed == signal.SIGABRT
 
 
+@pytest.mark.hazard("H8e")
 def test_a_crash_does_not_lower_the_fence_of_the_guardian():
     page = crash("fenced")
     assert fence_of(page) == FOR_GOOD

@@ -52,7 +52,7 @@ def run_of(name, motion, mounted=False, commands=GAINS, **options):
 # Jumps
 
 
-@pytest.mark.hazard("H6c")
+@pytest.mark.hazard("H5e")
 @pytest.mark.parametrize("mounted", [False, True], ids=["plain", "inverted, offset and geared"])
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("name", DRIVES)

@@ -126,6 +126,7 @@ def test_a_run_that_is_ended_at_the_table_has_enabled_nothing(kind, model, param
     assert not any(time < 1.0 for time in table.enabling())
 
 
+@pytest.mark.hazard("H1j")
 @families
 @pytest.mark.parametrize("torque", [2.0, -17.0])
 def test_torque_without_a_command_is_a_fault_before_the_confirmation(kind, model, parameters, torque):
@@ -139,6 +140,7 @@ def test_torque_without_a_command_is_a_fault_before_the_confirmation(kind, model
     assert not enables & {(identifier, data) for _, identifier, data in table.sent()}
 
 
+@pytest.mark.hazard("H1j")
 @families
 def test_torque_without_a_command_is_a_fault_while_the_command_is_zero(kind, model, parameters):
     table = Operator(kind, model, parameters, {100: "confirm"}, stray=lambda step: 4.0 * (step >= 1000))
@@ -267,6 +269,7 @@ def test_drive_left_running_in_velocity_mode_is_stopped_by_the_first_frame(kind,
     assert max(abs(table.rig["knee.torque"])) < 0.05
 
 
+@pytest.mark.hazard("H1i")
 @pytest.mark.parametrize(
     "kind, parameters, ignored, words",
     [

@@ -32,6 +32,7 @@ def full_pipe():
     return reader, writer
 
 
+@pytest.mark.hazard("H8e")
 def test_a_loop_that_is_held_in_a_send_shows_it_and_sends_only_its_stop_afterwards():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)

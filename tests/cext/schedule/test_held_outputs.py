@@ -77,6 +77,7 @@ def output(found):
     return found[path]
 
 
+@pytest.mark.hazard("H1g")
 @pytest.mark.parametrize("name", LIMITERS)
 @pytest.mark.parametrize("nested", [False, True])
 def test_a_disabled_limiter_follows_its_live_limit_and_fades_on_when_it_is_enabled_again(name, nested):

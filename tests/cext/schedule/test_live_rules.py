@@ -139,6 +139,7 @@ def test_a_fast_ramp_waits_for_a_slow_one_and_both_arrive():
     assert np.all(a <= b) and np.all(b <= c) and np.all(np.diff(c) <= 1.0 / RATE + 1e-15)
 
 
+@pytest.mark.hazard("H1g")
 @pytest.mark.parametrize("seed", range(10))
 def test_random_ramps_keep_every_rule_at_each_tick_and_end(seed):
     """25 requests of random values at random ticks, with slews from 0.3 to infinity per second."""

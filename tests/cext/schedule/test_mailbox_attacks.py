@@ -109,6 +109,7 @@ def stop_after(page, seconds):
     return Attack(page, None, 0, work)
 
 
+@pytest.mark.hazard("H4a")
 @pytest.mark.parametrize("seconds", [SECONDS, LONG])
 @pytest.mark.parametrize(
     "attacks", [(post_and_withdraw,), (post_and_withdraw, damage_kind)], ids=["correct", "with damaged kinds"]

@@ -53,6 +53,7 @@ def stop_of(rig):
     return (times[-1] - ends[0]) * 1e-9
 
 
+@pytest.mark.hazard("H9d")
 @pytest.mark.parametrize("hold", HOLDS)
 @pytest.mark.parametrize("times", [1, 2, 5, 10])
 @pytest.mark.parametrize("name", FAMILIES)
@@ -78,6 +79,7 @@ def test_reports_of_no_torque_without_an_answer_to_the_disable_confirm_nothing()
     assert drive.deaf and outcome.unconfirmed == ("drive0",)
 
 
+@pytest.mark.hazard("H9d")
 @pytest.mark.parametrize("hold", HOLDS)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_drive_that_answers_the_stop_and_keeps_its_torque_is_not_confirmed(name, hold):
@@ -122,6 +124,7 @@ def test_late_replies_to_earlier_commands_confirm_nothing(name, delay):
     assert drive.deaf and outcome.unconfirmed == ("drive0",)
 
 
+@pytest.mark.hazard("H9d")
 @pytest.mark.parametrize("name", [name for name in FAMILIES if name not in PERIODIC])
 def test_frames_of_another_node_do_not_confirm_a_dead_drive(name):
     """The drive loses its power in the stop; another node sends what its replies look like, with any period."""

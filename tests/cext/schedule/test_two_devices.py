@@ -12,12 +12,14 @@ from tests.own_drives import FAMILIES, Wired
 ANSWERING = [name for name in FAMILIES if name not in ("v3", "servo")]
 
 
+@pytest.mark.hazard("H5f")
 @pytest.mark.parametrize("name", ANSWERING)
 def test_two_drives_with_one_id_are_not_armed(name):
     outcome, rig = run(name, [own(name), own(name, position=0.6)], ticks=200)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("two devices", "drive0", -1)
 
 
+@pytest.mark.hazard("H5f")
 @pytest.mark.parametrize("name", ANSWERING)
 def test_a_second_drive_that_appears_in_a_run_ends_it(name):
     class Late(Wired):

@@ -81,6 +81,7 @@ def test_an_exception_held_in_a_hung_tick_is_recorded_behind_the_frames_of_the_w
     assert all(at < place for at in during), "a step wrote to the ring that the watchdog owned"
 
 
+@pytest.mark.hazard("H8b")
 def test_a_drive_is_not_taken_out_by_the_loop_while_the_watchdog_stops_it():
     with Diagram("robot", rate=RATE) as diagram:
         knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)

@@ -29,6 +29,7 @@ else:
 """
 
 
+@pytest.mark.hazard("H4a")
 @pytest.mark.parametrize(
     "kind, shown, answer", [("confirm", "reset the drive. yes or no", "no"), ("step", "then press Enter", "")]
 )

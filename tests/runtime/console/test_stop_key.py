@@ -192,6 +192,7 @@ def test_the_space_bar_stops_a_run_whose_block_has_closed_all_descriptors(tmp_pa
     assert terminal.attributes == terminal.before
 
 
+@pytest.mark.hazard("H4a")
 @pytest.mark.parametrize("late", [False, True])
 def test_a_key_from_before_a_fault_arms_nothing_however_late_it_is_delivered(tmp_path, terminal, late):
     write(tmp_path, FRAGILE, "fragile.py")

@@ -48,6 +48,7 @@ def test_a_kernel_without_sleep_states_or_masked_targets_cannot_sleep(tmp_path, 
     assert not can_sleep(machine)
 
 
+@pytest.mark.hazard("H4f")
 def test_an_inhibitor_is_held_until_it_is_released(tmp_path, machine, monkeypatch):
     command(tmp_path, monkeypatch, HELD)
     inhibitor = SleepInhibitor("a robot is armed", machine)
@@ -71,6 +72,7 @@ def test_an_inhibitor_ends_with_the_process_that_holds_it(tmp_path, machine, mon
     assert (tmp_path / "over").exists()
 
 
+@pytest.mark.hazard("H4f")
 def test_a_refused_inhibitor_is_reported_with_its_reason(tmp_path, machine, monkeypatch):
     command(tmp_path, monkeypatch, REFUSED)
     inhibitor = SleepInhibitor("a robot is armed", machine)

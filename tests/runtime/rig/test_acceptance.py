@@ -93,6 +93,7 @@ def robot(folder, drive, command, device):
     return write(folder, text), write(folder, LEGS.format(number=1) + device + "\n", "lab.toml")
 
 
+@pytest.mark.hazard("H1h")
 @CASES
 def test_check_warns_of_it_and_never_reports_the_limit_as_proved(
     command_line, drive, command, device, options, name, effect
@@ -108,6 +109,7 @@ def test_check_warns_of_it_and_never_reports_the_limit_as_proved(
     assert (caveat["actuator"], caveat["setting"]) == ("knee", name) and effect in caveat["words"]
 
 
+@pytest.mark.hazard("H1h")
 @CASES
 def test_a_rig_is_not_armed_without_acceptance(command_line, drive, command, device, options, name, effect):
     file, rig = robot(command_line.folder, drive, command, device)

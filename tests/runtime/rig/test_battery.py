@@ -162,6 +162,7 @@ def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
         require_supply(rig.battery, diagram, rig.path)
 
 
+@pytest.mark.hazard("H14a")
 @pytest.mark.parametrize("block, name", EVERY_MODEL)
 def test_no_drive_survives_a_battery_of_100_volts(block, name):
     constant = {"torque_constant": 0.5} if (block, name) == (CubeMarsServo, "AK80-6") else {}

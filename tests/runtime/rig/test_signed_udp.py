@@ -130,6 +130,7 @@ def received(can, seconds=0.3):
     return frames
 
 
+@pytest.mark.hazard("H9e")
 def test_only_signed_frames_reach_the_loop(bus):
     can, port, _ = bus
     with SignedButton(port) as button:
@@ -157,6 +158,7 @@ def test_without_the_process_that_verifies_nothing_arrives(bus):
         assert received(can) == []
 
 
+@pytest.mark.hazard("H9e")
 @pytest.mark.paced
 def test_a_recorded_stream_does_not_replace_a_button_that_dies(tmp_path, key_file):
     port = free_port()
