@@ -11,7 +11,7 @@ from graph import hints
 from graph.class_checks import arguments_of, check_class
 from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
-from graph.diagram import current_scope, is_count
+from graph.diagram import current_scope, is_count, note_stray
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import count, snake_case, suggestion
@@ -116,6 +116,7 @@ class Block:
             scope.adopt(self, name)
         else:
             self.path = name or snake_case(type(self).__name__)
+            note_stray(self)
         try:
             self.reconfigure()
             if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
@@ -300,6 +301,11 @@ class Block:
     def update(self, *values: Any, **named: Any) -> Any:
         """Compute one update, if the block has one."""
         return self.scratch.update(values, named)
+
+    @property
+    def computes_alone(self) -> bool:
+        """Whether it may be of use outside a diagram, by its step()."""
+        return self._scratch is not None or (self.is_python and bool(self.outputs))
 
     @property
     def scratch(self) -> Scratch:

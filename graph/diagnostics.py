@@ -17,7 +17,7 @@ CODES = {
     "TW008": "dtype mismatch",
     "TW009": "name used twice",
     "TW010": "wrong parameter",
-    "TW011": "wired outside a diagram",
+    "TW011": "outside a diagram",
     "TW012": "no such port",
     "TW013": "duplicate device address",
     "TW014": "incompatible rates",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ from graph.signal import Signal
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
 _scope: ContextVar[Scope | None] = ContextVar("tickwork_scope", default=None)
+_strays: ContextVar[list[Any] | None] = ContextVar("tickwork_strays", default=None)
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,40 @@ class Scope:
         block.every *= self.every
         block.conditions = self.conditions
         self.diagram.add(block, name, self.prefix)
+
+
+@contextmanager
+def no_block_outside(file: str) -> Iterator[None]:
+    """Raise DiagramError at the end for each block that a line of `file` has made outside every diagram.
+
+    One of which only step() is called computes, and is permitted; in Python it must have an output.
+    """
+    made: list[Any] = []
+    token = _strays.set(made)
+    try:
+        yield
+    finally:
+        _strays.reset(token)
+    problems = [
+        Diagnostic(
+            "TW011",
+            "it was created outside a diagram and has no effect",
+            path=block.path,
+            where=block.location,
+            hint="indent this line so that it is inside `with Diagram(...)`",
+        )
+        for block in made
+        if block.location and block.location.file == file and not block.computes_alone
+    ]
+    if problems:
+        raise DiagramError(problems)
+
+
+def note_stray(block: Any) -> None:
+    """Note a block that is made outside every diagram."""
+    made = _strays.get()
+    if made is not None:
+        made.append(block)
 
 
 def current_scope() -> Scope | None:

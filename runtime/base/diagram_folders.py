@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 
+HOME = os.path.realpath(Path(__file__).parents[2])
+
+
 class DiagramFolder(str):
     """Entry of sys.path that is the folder of a diagram file."""
 
@@ -14,20 +17,29 @@ class DiagramFolder(str):
 def import_from(folder: str) -> None:
     """Let a diagram file import modules of its folder, which shadow no library.
 
-    The folder comes after all other entries of the path, but before those of other diagram files. A module of these
-    that was imported, and of which this folder has its own, is imported again.
+    The folder comes after the libraries, but before the folders of other diagram files and the working folder. A module
+    of these that was imported, and of which this folder has its own, is imported again.
 
     folder : real path
     """
-    others = [entry for entry in sys.path if isinstance(entry, DiagramFolder) and entry != folder]
+    others = [place for place in sys.path if place != folder and (isinstance(place, DiagramFolder) or _is_working(place))]
     if not others and folder in sys.path:
         return
-    rest = [entry for entry in sys.path if not isinstance(entry, DiagramFolder)]
+    rest = [entry for entry in sys.path if entry not in others and not isinstance(entry, DiagramFolder)]
     sys.path[:] = [*rest, *([] if folder in rest else [DiagramFolder(folder)]), *others]
-    for name in [name for name, module in sys.modules.items() if "." not in name and _folder_of(module) in others]:
+    behind = {os.path.realpath(entry) for entry in others}
+    for name in [name for name, module in sys.modules.items() if "." not in name and _folder_of(module) in behind]:
         if (Path(folder) / f"{name}.py").exists() or (Path(folder) / name).is_dir():
             for each in [each for each in sys.modules if each == name or each.startswith(f"{name}.")]:
                 del sys.modules[each]
+
+
+def _is_working(entry):
+    """Return whether an entry of the path is the working folder, and not that of Tickwork's own packages."""
+    try:
+        return os.path.realpath(entry) == os.getcwd() != HOME
+    except OSError:  # the folder was deleted
+        return False
 
 
 def _folder_of(module):

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cext.user_text import TEXT_LIMIT, bounded, repr_of
 from graph import Diagram, DiagramError, compile
+from graph.diagram import no_block_outside
 from graph.names import suggestion
 from graph.sha256 import sha256
 from runtime.base import diagram_folders
@@ -229,7 +230,7 @@ def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | No
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
-    guarded(path, source.exec_module, module)
+    guarded(path, inside_diagrams(location, source.exec_module), module)
     return module, source.sha256
 
 
@@ -250,7 +251,12 @@ def call(file: DiagramFile, function: Callable[..., T], /, *arguments: Any, **na
             else "declare it as plant(robot)"
         )
         raise BadInput(f"{place_of(function)}: {function.__name__}() cannot be called: {error}; {hint}") from None
-    return guarded(file.path, function, *arguments, **named)
+    return guarded(file.path, inside_diagrams(os.path.abspath(file.path), function), *arguments, **named)
+
+
+def inside_diagrams(path: str, function: Callable[..., T]) -> Callable[..., T]:
+    """Return the function, which raises DiagramError if the file makes blocks outside every diagram."""
+    return no_block_outside(path)(function)
 
 
 def guarded(path: str | os.PathLike[str], function: Callable[..., T], /, *arguments: Any, **named: Any) -> T:

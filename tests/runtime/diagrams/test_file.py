@@ -118,6 +118,15 @@ def test_files_beside_the_diagram_never_shadow_a_library(tmp_path):
     assert sys.path.index(str(tmp_path)) == max(libraries) + 1
 
 
+def test_files_of_the_working_folder_do_not_shadow_those_beside_the_diagram(tmp_path, command_line):
+    """As from a folder with a `wearer.py` of one's own, whatever was imported from there before."""
+    write(tmp_path, "raise RuntimeError('the wrong one')\n", "wearer.py")
+    robots = sorted(path for path in KNEE_EXO.parent.glob("*.py") if "wearer" in path.read_text())
+    assert len(robots) > 5
+    for robot in robots[:3]:
+        command_line("check", robot, cwd=tmp_path)
+
+
 def test_a_neighbour_with_a_librarys_name_is_reported(tmp_path, refused):
     write(tmp_path, "GAINS = 3.0\n", "json.py")
     path = write(tmp_path, WAVE.format(before="from json import GAINS", amplitude=1.0))
@@ -248,6 +257,44 @@ def test_a_mistyped_block_is_suggested(tmp_path, refused):
 
 @pytest.mark.parametrize("returned", ["7", "None", "'knee'"])
 @pytest.mark.parametrize("function", ["build", "plant"])
+MADE_OUTSIDE = """
+from blocks.actuators import CubeMars
+from blocks.filters import Butterworth
+from blocks.recorders import CsvRecorder
+from blocks.safety import EStopHeartbeat
+from blocks.sinks import PlotJuggler
+from blocks.sources import Sine
+from graph import Diagram
+
+
+def build():
+    with Diagram("wave", rate=100) as diagram:
+        Sine(amplitude=1.0)
+    {within}
+    return diagram
+
+
+{outside}
+"""
+
+
+@pytest.mark.parametrize(
+    "block", ["CsvRecorder()", "PlotJuggler()", "EStopHeartbeat(bus='estop')", "CubeMars('AK80-9')", "Sine()"]
+)
+@pytest.mark.parametrize("place", ["within", "outside"])
+def test_a_block_outside_every_diagram_is_an_error(tmp_path, refused, block, place):
+    text = MADE_OUTSIDE.format(**{"within": "pass", "outside": "", place: block})
+    path = write(tmp_path, text)
+    complaint = refused(path)
+    assert f"{path}:{line_of(text, block)}: error TW011 outside a diagram: " in complaint
+    assert complaint.endswith("indent this line so that it is inside `with Diagram(...)`")
+
+
+def test_a_block_that_only_computes_may_be_outside(tmp_path):
+    filtered = "smooth = Butterworth(cutoff=5.0, dt=0.01) if False else Butterworth(cutoff=5.0)"
+    assert len(load(write(tmp_path, MADE_OUTSIDE.format(within="Sine(amplitude=2.0).step(t=0.0)", outside="")))[1])
+
+
 def test_a_function_that_returns_no_diagram_is_reported(tmp_path, refused, function, returned):
     head = KNEE.format(law="return 0.0") if function == "plant" else ""
     path = write(
