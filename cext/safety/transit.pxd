@@ -9,7 +9,8 @@ Principle
     3. With more, either a frame was lost or replies have become later, which single replies do not show. Commands that
        are sent twice do: the tick in which two replies arrive gives the transit in ticks, and older commands were lost.
        PROOFS of them in a row must agree, with one reply in each tick between, and no longer transit must be known. If
-       FAILURES attempts fail, the open commands are taken for late, and looked at again after TRANSIT_MEMORY. A reply
+       FAILURES attempts fail, the open commands are taken for late, and looked at again after TRANSIT_MEMORY. So they
+       are where nothing was lost: on a bus that is nearly full, such commands would delay the replies further. A reply
        to a command that was dropped refutes what was concluded: then no transit is known for a time.
     4. The longest certain transit of the last one to two periods of TRANSIT_MEMORY is what the law of a drive allows
        for on the way of its next commands. Beyond `max_transit` and one period, stiffness and damping are zero.
@@ -53,12 +54,13 @@ cdef struct Transit:
     int proofs, failures
     int doubt                           # turns for which a reply without an open command refutes what was concluded
     bint retries                        # commands that are settled are looked at again
+    bint rests                          # nothing was lost: no command is sent twice until the next period
 
 
 cdef inline void forget_transit(Transit *t) noexcept nogil:
     """Return to the state before arming."""
     t.first = t.open = t.settled = t.came = t.proofs = t.failures = t.uncertain = t.pause = 0
-    t.retries = False
+    t.retries = t.rests = False
     t.doubt = 0
     t.reference = t.silent_since = t.place = -1
     t.newest = t.pending = t.largest[0] = t.largest[1] = t.turned = t.longest = 0
@@ -131,14 +133,22 @@ cdef inline void turn_memory(Transit *t, int64_t now) noexcept nogil:
         t.largest[1], t.largest[0], t.turned = t.largest[0], 0, now
         t.emptied[1], t.emptied[0] = t.emptied[0], 0
         t.retries = True
+        t.rests = False
         t.doubt -= t.doubt > 0
 
 
-cdef inline bint watch_transit(Transit *t, int64_t tick, int64_t period, bint may_repeat) noexcept nogil:
+cdef inline bint is_doubtful(const Transit *t) noexcept nogil:
+    """Return whether replies may be later than was measured, and nothing shows it for now."""
+    return t.rests and t.open > t.settled
+
+
+cdef inline bint watch_transit(
+        Transit *t, int64_t tick, int64_t period, bint may_repeat, bint stiff) noexcept nogil:
     """Decide, before the commands of a tick, on open commands. Returns whether the command is to be sent twice.
 
     period : ns
     may_repeat : whether it can be, and is a single frame
+    stiff : whether stiffness or damping depends on it; otherwise once in TRANSIT_MEMORY is enough
     """
     cdef int came = t.came
     t.came = 0
@@ -147,7 +157,7 @@ cdef inline bint watch_transit(Transit *t, int64_t tick, int64_t period, bint ma
     if t.open == 0:
         t.settled = 0                   # the last reply has been received
         t.retries = False
-    if not may_repeat or t.open <= (0 if t.retries else t.settled):
+    if not may_repeat or t.open <= (0 if t.retries else t.settled) or not (t.retries or (stiff and not t.rests)):
         t.place = -1
         t.proofs = t.failures = t.pause = 0
         return False
@@ -188,7 +198,7 @@ cdef inline bint reject(Transit *t) noexcept nogil:
     t.proofs = t.pause = 0
     t.failures += 1
     if t.failures >= FAILURES:
-        t.failures, t.retries = 0, False
+        t.failures, t.retries, t.rests = 0, False, True
         t.settled = t.open
         be_certain(t)
     return False
@@ -202,6 +212,7 @@ cdef inline void conclude(Transit *t, int64_t tick) noexcept nogil:
     if t.open < open:
         t.pending = t.uncertain = 0
         t.doubt = 2
+    t.rests = t.open == open
     t.settled = t.open
     t.proofs = t.failures = t.pause = 0
     t.retries = False

@@ -22,6 +22,7 @@ cdef struct Device:
     int age                      # slot, -1 if it has none
     int transit_slot             # of two numbers, s: the longest transit, and what `age` does not contain; -1: none
     double unseen                # s, the second of them
+    int stiffness, damping_command      # slots, -1: none
     int64_t gap                  # ns, longest between two replies since the previous tick
     double report_period         # s between its reports; 0 if it answers commands
     double max_transit           # s

@@ -61,6 +61,8 @@ cdef class DeviceTable:
         device.encode_sizes = <int32_t *><uintptr_t>tables[3].ctypes.data
         device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
         device.transit_slot, device.transit.answers = entry.transit, entry.answers
+        device.stiffness = -1 if entry.watch is None else entry.watch.stiffness
+        device.damping_command = -1 if entry.watch is None else entry.watch.damping
         device.max_transit, device.restart_time = entry.max_transit, entry.restart_time
         device.report_period = entry.report_period
         device.unseen = 0.0 if entry.answers else entry.max_transit

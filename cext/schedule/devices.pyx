@@ -26,7 +26,9 @@ from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport FADE_IN, RESTART_PERIODS, STOP_LIMIT
-from cext.safety.transit cimport longest_transit, note_arrival, note_asked, turn_memory, watch_transit
+from cext.safety.transit cimport (
+    is_doubtful, longest_transit, note_arrival, note_asked, turn_memory, watch_transit,
+)
 from cext.safety.twins cimport forget_twins, note_answer, note_questions
 from cext.safety.zeroing cimport note_command, note_position
 from cext.schedule.arming_round cimport counts
@@ -272,8 +274,9 @@ cdef class Devices:
 
     cdef bint is_prompt(self, const Device *device) noexcept nogil:
         """Return whether the measured transit of a drive permits stiffness and damping."""
-        return not device.transit.answers or (device.transit.measured and 1e-9 * longest_transit(&device.transit)
-            <= max(device.max_transit, self.table.arena[PERIOD]) + 1e-9)
+        cdef double permitted = max(device.max_transit, self.table.arena[PERIOD]) + 1e-9
+        return not device.transit.answers or (device.transit.measured and not is_doubtful(&device.transit)
+            and 1e-9 * longest_transit(&device.transit) <= permitted)
 
     cdef bint may_have_restarted(self, const Device *device, int64_t now) noexcept nogil:
         """Return whether a drive was silent for long enough to have restarted, and would obey the next command."""
@@ -314,7 +317,8 @@ cdef class Devices:
                 return -count
             if watch_transit(&device.transit, <int64_t>arena[TICK], <int64_t>(1e9 * arena[PERIOD]), count == 1
                     and device.transit_slot >= 0 and not self.table.waiting
-                    and device.drive.state == ACTIVE and not all_ones(self.outgoing[total].data, 6)):
+                    and device.drive.state == ACTIVE and not all_ones(self.outgoing[total].data, 6),
+                    is_stiff(device, arena)):
                 self.outgoing[total + 1] = self.outgoing[total]
                 count = 2
             count = add_zero(self.table, self.events, number, &self.outgoing[total], count)
@@ -385,6 +389,11 @@ cdef class Devices:
                 device.owed = True
             if device.drive.state == ACTIVE:
                 note_asked(&device.transit, device.sends, at, sent, <int64_t>self.table.arena[TICK])
+
+
+cdef inline bint is_stiff(const Device *device, const double *arena) noexcept nogil:
+    """Return whether stiffness or damping is commanded."""
+    return device.stiffness >= 0 and (arena[device.stiffness] > 0.0 or arena[device.damping_command] > 0.0)
 
 
 cdef inline int64_t sampled_since(const Device *device) noexcept nogil:

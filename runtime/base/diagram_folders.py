@@ -6,7 +6,6 @@ import os
 import sys
 from pathlib import Path
 
-
 HOME = os.path.realpath(Path(__file__).parents[2])
 
 
@@ -22,7 +21,7 @@ def import_from(folder: str) -> None:
 
     folder : real path
     """
-    others = [place for place in sys.path if place != folder and (isinstance(place, DiagramFolder) or _is_working(place))]
+    others = [entry for entry in sys.path if entry != folder and _comes_after(entry)]
     if not others and folder in sys.path:
         return
     rest = [entry for entry in sys.path if entry not in others and not isinstance(entry, DiagramFolder)]
@@ -34,10 +33,10 @@ def import_from(folder: str) -> None:
                 del sys.modules[each]
 
 
-def _is_working(entry):
-    """Return whether an entry of the path is the working folder, and not that of Tickwork's own packages."""
+def _comes_after(entry):
+    """Return whether an entry is of another diagram file, or the working folder, unless that is Tickwork's own."""
     try:
-        return os.path.realpath(entry) == os.getcwd() != HOME
+        return isinstance(entry, DiagramFolder) or os.path.realpath(entry) == os.getcwd() != HOME
     except OSError:  # the folder was deleted
         return False
 

@@ -40,6 +40,7 @@ T = TypeVar("T")
 PACKAGES = tuple(
     str(Path(__file__).parents[2] / package) + os.sep for package in ("blocks", "cext", "graph", "runtime")
 )
+STANDARD_LIBRARY = os.path.dirname(os.__file__) + os.sep
 
 
 def load(
@@ -280,6 +281,8 @@ def guarded(path: str | os.PathLike[str], function: Callable[..., T], /, *argume
     except (KeyboardInterrupt, Interrupted):
         raise
     except BaseException as error:  # user code may derive exceptions from BaseException
+        if isinstance(error, RecursionError) and not own_frames(path, error):
+            raise  # of a file that runs itself: an outer call has the line
         raise BadInput(exception(path, error)) from error
 
 
@@ -303,7 +306,7 @@ def exception(path: str | os.PathLike[str], error: BaseException) -> str:
 
 
 def own_frames(path: str | os.PathLike[str], error: BaseException) -> list[FrameSummary]:
-    """Return the frames of a traceback in user code, not in Tickwork or libraries.
+    """Return the frames of a traceback in user code, not in Tickwork, Python or libraries.
 
     If some are in the folder of the diagram file, only those.
     """
@@ -311,7 +314,8 @@ def own_frames(path: str | os.PathLike[str], error: BaseException) -> list[Frame
     own = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith((*PACKAGES, "<frozen", "cext/")) and "site-packages" not in frame.filename
+        if not frame.filename.startswith((*PACKAGES, STANDARD_LIBRARY, "<frozen", "cext/"))
+        and "site-packages" not in frame.filename
     ]
     return [frame for frame in own if frame.filename.startswith(folder)] or own
 

@@ -11,7 +11,7 @@ from scipy import signal
 from blocks._plumbing.biquads import butterworth
 from blocks.actuators import CubeMars
 from blocks.filters import Butterworth
-from blocks.sources import StepSource
+from blocks.sources import Ramp, StepSource
 from graph import Diagram, DiagramError, compile
 from tests.blocks.running import both_ways, by_hand, player, run
 
@@ -70,15 +70,13 @@ def test_the_gain_is_one_at_rest_and_one_over_root_two_at_the_cutoff(order):
 
 @pytest.mark.parametrize("order", range(1, 9))
 def test_a_robot_that_has_been_armed_starts_its_filters_at_the_present_measurement(order):
-    """In steady state at the start: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go to 0.9 rad
-    after 50 ms.
-    """
+    """In steady state at the start: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go after 50 ms."""
     with Diagram("robot", rate=RATE) as robot:
         knee = CubeMars("AK80-9", name="knee")
         knee(torque_command=0.0)
         Butterworth(order=order, cutoff=20.0, name="filter")(knee.position)
     with Diagram("holder", rate=RATE) as plant:
-        knee.emulator()(position=StepSource(0.8, 0.9, 0.05)(), velocity=0.0)
+        knee.emulator()(position=Ramp(slope=0.4, time=0.05, initial=0.8)(), velocity=StepSource(0.0, 0.4, 0.05)())
     recording = run(robot, 60, plant=plant)
     u, y = recording["knee.position"], recording["filter.y"]
     assert abs(u[0] - 0.8) < 25.0 / 65535 and np.ptp(u) > 0.09

@@ -1,15 +1,16 @@
 """Diagram files: what they may be, what they may import, and what is said of those that cannot be used."""
 
 import os
+import subprocess
 import sys
 
 import pytest
 
 from graph import Diagram
 from runtime.base.diagram_folders import DiagramFolder
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED
+from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.diagrams.file import load
-from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
+from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
 
 WAVE = """
 from blocks.recorders import CsvRecorder
@@ -118,13 +119,15 @@ def test_files_beside_the_diagram_never_shadow_a_library(tmp_path):
     assert sys.path.index(str(tmp_path)) == max(libraries) + 1
 
 
-def test_files_of_the_working_folder_do_not_shadow_those_beside_the_diagram(tmp_path, command_line):
+def test_files_of_the_working_folder_do_not_shadow_those_beside_the_diagram(tmp_path):
     """As from a folder with a `wearer.py` of one's own, whatever was imported from there before."""
     write(tmp_path, "raise RuntimeError('the wrong one')\n", "wearer.py")
     robots = sorted(path for path in KNEE_EXO.parent.glob("*.py") if "wearer" in path.read_text())
     assert len(robots) > 5
     for robot in robots[:3]:
-        command_line("check", robot, cwd=tmp_path)
+        command = [sys.executable, "-m", "runtime", "check", robot]
+        found = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True)
+        assert (found.returncode, found.stderr) == (OK, "")
 
 
 def test_a_neighbour_with_a_librarys_name_is_reported(tmp_path, refused):
@@ -255,11 +258,9 @@ def test_a_mistyped_block_is_suggested(tmp_path, refused):
     assert "did you mean 'Butterworth'?" in refused("robot.py")
 
 
-@pytest.mark.parametrize("returned", ["7", "None", "'knee'"])
-@pytest.mark.parametrize("function", ["build", "plant"])
 MADE_OUTSIDE = """
 from blocks.actuators import CubeMars
-from blocks.filters import Butterworth
+from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.safety import EStopHeartbeat
 from blocks.sinks import PlotJuggler
@@ -286,15 +287,18 @@ def test_a_block_outside_every_diagram_is_an_error(tmp_path, refused, block, pla
     text = MADE_OUTSIDE.format(**{"within": "pass", "outside": "", place: block})
     path = write(tmp_path, text)
     complaint = refused(path)
-    assert f"{path}:{line_of(text, block)}: error TW011 outside a diagram: " in complaint
+    assert f"{path.name}:{line_of(path, block)}: error TW011 outside a diagram: " in complaint
     assert complaint.endswith("indent this line so that it is inside `with Diagram(...)`")
 
 
 def test_a_block_that_only_computes_may_be_outside(tmp_path):
-    filtered = "smooth = Butterworth(cutoff=5.0, dt=0.01) if False else Butterworth(cutoff=5.0)"
-    assert len(load(write(tmp_path, MADE_OUTSIDE.format(within="Sine(amplitude=2.0).step(t=0.0)", outside="")))[1])
+    assert len(
+        load(write(tmp_path, MADE_OUTSIDE.format(within="assert Gain(gain=2.0).step(3.0) == 6.0", outside="")))[1]
+    )
 
 
+@pytest.mark.parametrize("returned", ["7", "None", "'knee'"])
+@pytest.mark.parametrize("function", ["build", "plant"])
 def test_a_function_that_returns_no_diagram_is_reported(tmp_path, refused, function, returned):
     head = KNEE.format(law="return 0.0") if function == "plant" else ""
     path = write(

@@ -333,7 +333,7 @@ WIRES = (
         "signal in a step",
         "Own()(1.0)",
         "Own()(knee.position)",
-        "TW011 wired outside a diagram: knee.position: the signal is used in arithmetic, and no diagram is open",
+        "TW011 outside a diagram: knee.position: the signal is used in arithmetic, and no diagram is open",
         "a step takes a signal as an input, and gets its value",
         before=OWN + "    def step(self, u):\n        return 2.0 * knee.position  # !\n",
         cure_before=OWN + "    def step(self, u):\n        return 2.0 * u\n",

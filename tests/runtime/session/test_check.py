@@ -150,7 +150,14 @@ def test_limits_by_assumption_or_in_the_drive_are_not_reported_as_proved(tmp_pat
         pytest.approx(0.045),
         "s",
     )
-    assert set(figures) == {"usable_damping", "smallest_inertia", "stall_time", "stall_torque", "stall_torque_slower"}
+    assert set(figures) == {
+        "max_transit",
+        "usable_damping",
+        "smallest_inertia",
+        "stall_time",
+        "stall_torque",
+        "stall_torque_slower",
+    }
     assumed = {proof["command"].partition(".")[0]: proof["assumes"] for proof in found["proofs"]}
     assert (
         assumed["hip"] is None
