@@ -17,13 +17,34 @@ implementations; the sources are in the [reference](../reference/actuators.md).
 
 * **Rated, peak**: torque at the output, N·m. The limit of a command is the rated torque unless `limit` changes it.
 * **Current**: amplitude in a phase of the motor, at the rated and at the peak torque, A.
-* **Supply**: operating voltage of the drive according to its manual, V.
+* **Supply**: operating voltage of the drive, V. Its source is below each table.
 * **Speed**: range of the wire protocol, rad/s. The speed that a motor reaches depends on its supply.
 * **Bounded torque**: whether `check` proves that the torque stays within its limit.
 * **Stops without commands**: whether the drive stops by itself if it receives no more commands.
 * A dash is a value that is not published.
 
 `python -m tests.docs.compatibility` writes this page from the tables of the code.
+"""
+SUPPLIES = {
+    "RobStride and CyberGear": """
+Supply: "operating voltage range" of each model's user manual of 2026-04-28, section 1
+([RobStride manuals][RobStride manuals]), and of the CyberGear manual.
+""",
+    "CubeMars, boards V1 and V2": """
+Supply: "allowable working voltage" of the boards in the driver manual V1.0.18, 18 to 52 V of V2.1 and 18 to 28 V of
+V2.2 ([CubeMars driver manual][CubeMars driver manual]). The board follows from the rated voltage of the model's product
+page: V2.1 for 48 V and 24/48 V, V2.2 for 24 V. *Assumed*: no source states the range of the smaller board of this
+model, and that of the other board for 24 V is used.
+""",
+    "CubeMars, boards V3.0": """
+Supply: "allowable working voltage range" of all three boards in the product manual V3.2.0, section 1.1
+([CubeMars product manual][CubeMars product manual]).
+""",
+}
+TAIL = """\
+[CubeMars driver manual]: https://www.cubemars.com/data/cms/202605/ak-series-driver-manual-v1-0-18-for-ak-2-0-robotic-actuator.pdf
+[CubeMars product manual]: https://www.cubemars.com/data/cms/202602/ak-series-prodcut-manual-v3-2-0-for-ak-3-0-robotic-actuator.pdf
+[RobStride manuals]: https://github.com/RobStride/Product_Information
 """
 COLUMNS = "| model | gear | rated | peak | current | speed | supply |\n|---|--:|--:|--:|--:|--:|--:|\n"
 MODES = "| mode | block | bounded torque | stops without commands |\n|---|---|---|---|\n"
@@ -43,10 +64,12 @@ def page():
     """Return the text of the page."""
     tables = [table for family in families() for table in family.tables if table.title in NOTES]
     sections = [
-        f"## {table.title}\n\n{MODES}{NOTES[table.title]}\n{COLUMNS}" + "".join(map(row, table.models.values()))
+        f"## {table.title}\n\n{MODES}{NOTES[table.title]}\n{COLUMNS}"
+        + "".join(map(row, table.models.values()))
+        + SUPPLIES[table.title]
         for table in tables
     ]
-    return "\n".join([HEAD, *sections])
+    return "\n".join([HEAD, *sections, TAIL])
 
 
 def row(model):

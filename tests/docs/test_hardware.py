@@ -8,13 +8,58 @@ import pytest
 from runtime.rig.file import parse
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS
-from tests.docs import compatibility, energy
+from tests.docs import compatibility, energy, parts
+from tests.docs.pictures import tables
 
 PAGES = sorted((ROOT / "docs" / "hardware").glob("*.md"))
 
 
 def test_table_of_actuators_is_fresh():
     assert compatibility.PAGE.read_text() == compatibility.page()
+
+
+def test_list_of_parts_is_fresh():
+    assert parts.PAGE.read_text() == parts.page()
+
+
+@pytest.mark.parametrize("title", ["A bench with one motor", "A robot with two joints"])
+def test_totals_of_an_order_are_the_sums_of_its_rows(title):
+    text = parts.PAGE.read_text().split(f"## {title}\n")[1].split("\n## ")[0]
+    [[head, _, *rows]] = tables(text)
+    assert head == ["quantity", "part", "number", "mass, g", "price"]
+    for currency in "$€":
+        total = sum(float(row[4].removeprefix(currency)) for row in rows if row[4].startswith(currency))
+        assert f"{currency}{total:.2f}" in text.split("**Total:**")[1]
+    grams = sum(int(row[3]) for row in rows if row[3] != "—")
+    asked, unknown = sum(row[4] == "ask" for row in rows), sum(row[3] == "—" for row in rows)
+    assert f"without the {asked} parts to ask for; {grams} g, without the {unknown} parts of" in text
+
+
+def test_every_price_has_a_date_and_the_address_of_its_product():
+    for part in parts.PARTS.values():
+        assert bool(part.price) == bool(part.date)
+        if part.price:
+            assert re.fullmatch(r"[$€]\d+(\.\d\d)?", part.price) and part.page.startswith("https://")
+            assert re.fullmatch(r"\d{4}(-\d\d-\d\d)?", part.date)
+
+
+def test_the_paper_is_cited_with_title_and_number():
+    for name in ("README.md", "CITATION.cff", "docs/hardware/index.md"):
+        text = re.sub(r"\s+", " ", (ROOT / name).read_text())
+        title = (
+            "Epically Powerful: An open-source software and mechatronics infrastructure for wearable robotic systems"
+        )
+        assert title in text and "10.48550/arXiv.2511.05033" in text, name
+
+
+def test_every_supply_range_is_listed_with_its_source():
+    text = compatibility.PAGE.read_text()
+    sections = text.split("\n## ")[1:]
+    assert len(sections) == 3
+    for section in sections:
+        supplies = [row[6] for row in tables(section)[1][2:]]
+        assert all(re.fullmatch(r"\d+ to \d+( \(assumed\))?", supply) for supply in supplies)
+        assert "\nSupply: " in section and re.search(r"\]\[[^\]]+ manuals?\]", section)
 
 
 def test_table_of_energy_has_every_robot_and_its_numbers_are_fresh():
