@@ -1,0 +1,43 @@
+"""The command lines of pages, parsed by the parser of their command, which runs nothing."""
+
+import re
+import shlex
+from unittest import mock
+
+from runtime.base.errors import BadInput
+from runtime.cli.main import command
+from runtime.cli.parsing import Parser
+
+LINE = re.compile(r"python -m runtime ((?:[^`\n\\]|\\\n)*)")
+INCOMPLETE = ("missing argument", "no diagram file", "no recording", "one of the arguments", "expected stream")
+
+
+class Parsed(Exception):
+    """The parser has accepted the arguments."""
+
+
+def words(line):
+    """Return the words of a command line up to its end, a pipe or a comment."""
+    line = re.split(r"\s(?:\||>|#|&&|;)|\s{3,}", line.replace("\\\n", " "))[0]
+    try:
+        return shlex.split(line)
+    except ValueError:  # a quotation that goes on in the next line
+        return line.split()
+
+
+def refusal(arguments):
+    """Return why the parser refuses arguments, or "". Accepts those that lack only a required one."""
+    parse = Parser.parse_args
+
+    def stop(*arguments, **options):
+        parse(*arguments, **options)
+        raise Parsed
+
+    try:
+        with mock.patch.object(Parser, "parse_args", stop):
+            command(["file.py" if word == "FILE" else word for word in arguments], None)
+    except Parsed:
+        return ""
+    except BadInput as error:
+        return "" if str(error).startswith(INCOMPLETE) else str(error)
+    return ""
