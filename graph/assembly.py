@@ -337,7 +337,7 @@ class Assembly:
             fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1,
             timeout=block.timeout,
             ask=tuple(block.ask_frames()) if moves else (),
-            # a sensor may be set up, and a unit that is no actuator enabled, before the operator confirms
+            # a sensor may be set up, and a device other than an actuator enabled, before the operator confirms
             set_up=tuple(block.set_up_frames()) + (() if moves else tuple(block.enable_frames())),
             enable=tuple(block.enable_frames()) if moves else (),
             zero=tuple(block.zero_frames()),

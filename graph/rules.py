@@ -22,7 +22,7 @@ WORDS = {ast.LtE: "at most", ast.Lt: "below", ast.GtE: "at least", ast.Gt: "abov
 def rules_of(kind: Any) -> list[Rule]:
     """Return the rules of a block's class and its base classes.
 
-    Raises TypeError for one that is no linear comparison of numeric parameters.
+    Raises TypeError for one that is not a linear comparison of numeric parameters.
     """
     if isinstance(vars(kind).get("rules"), str):
         raise TypeError(f'{kind.__name__}.rules is a text: write a tuple, as in rules = ("{kind.rules}",)')
@@ -37,7 +37,9 @@ def parsed(kind: Any, text: str) -> list[Rule]:
     except (SyntaxError, TypeError):
         tree = None
     if not isinstance(tree, ast.Compare) or not all(type(operator) in WORDS for operator in tree.ops):
-        raise TypeError(f'{kind.__name__}.rules: {text!r} is no comparison with <, <=, > or >=, as in "lower <= upper"')
+        raise TypeError(
+            f'{kind.__name__}.rules: {text!r} is not a comparison with <, <=, > or >=, as in "lower <= upper"'
+        )
     sides = [side_of(kind, text, node) for node in (tree.left, *tree.comparators)]
     rules = [
         Rule(left, WORDS[type(operator)], right, unit_of(kind, (left, right)))

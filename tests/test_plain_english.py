@@ -53,6 +53,7 @@ INSTEAD = {  # banned phrase: wording to use instead
     r"none of it": "name the things",
     r"(?:µs|ms|ns|numbers?) a (?:tick|block|frame)": "per tick, per block",
     r"ground floor": "name the package",
+    r"(?<!there )(?:is|are|was|were) no (?!longer\b)\w+": "is not a ..., is not ..., does not ...",
 }
 BANNED = {re.compile(rf"\b(?:{phrase})\b"): words for phrase, words in INSTEAD.items()}  # of text in lower case
 ALLOWED = {  # (file, text of the line): reason

@@ -276,7 +276,8 @@ def landings(angles: Real, others: Real | None, dt: float) -> np.ndarray:
 def strides_of(strikes: np.ndarray, count: int, dt: float) -> Strides:
     """Return the strides between strikes, given in samples, of a recording of `count` samples that repeats.
 
-    Where the last strike and the first one of the repetition are no stride apart, a usual stride ends and begins there.
+    Where the last strike and the first one of the repetition are not a stride apart, a usual stride ends and begins
+    there.
     """
     phase, walking = np.zeros(count), np.zeros(count)
     if len(strikes) == 0:

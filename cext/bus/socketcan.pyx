@@ -159,7 +159,7 @@ cdef inline void put(Socket *socket, int index, const Frame *frame) noexcept nog
 
 
 cdef void socket_begin(void *context, int64_t began) noexcept nogil:
-    """Discard earlier frames, which are no replies; keep only the state of the controller."""
+    """Discard earlier frames, which are not replies; keep only the state of the controller."""
     cdef Socket *socket = <Socket *>context
     cdef int round, index
     cdef int read = FRAMES_PER_TICK

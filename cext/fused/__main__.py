@@ -28,7 +28,7 @@ UNFUSED = {  # reasons why the kernels of a module have no stencils
     "wearer/walker": "kernel has dozens of outputs",
 }
 CONSTANT_LIMIT = 600  # bytes of a stencil with constant sizes, which a larger kernel hardly gains from
-LENGTHS = {"sections": (5, 10)}  # numbers of elements of items that are no signals, by name
+LENGTHS = {"sections": (5, 10)}  # numbers of elements of items that are not signals, by name
 RESTS = range(9)  # numbers of inputs or outputs of kernels that take any
 WIDTHS = (1, 2, 3, 4, 6)  # elements of signals
 REST_LIMIT = 4  # number of them up to which their kernels are compiled for all WIDTHS; beyond it for the first

@@ -75,7 +75,7 @@ def c_text(text: str, symbol: str, length: int, fixed: dict[int, int], sizes: di
     """Return the C text of the stencil of a kernel.
 
     length : of the tables
-    fixed : entries of both tables that are no items: numbers of Rests, and their places
+    fixed : entries of both tables that are not items: numbers of Rests, and their places
     sizes : entries of the table of sizes that are constants; the others are holes
     """
     wide = with_wide_slots(text, symbol)

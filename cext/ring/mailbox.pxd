@@ -16,7 +16,7 @@ process may change the letter at any time.
 A writer that dies leaves a letter in WRITING or ANSWERED: the next writer without a free letter frees it. An idle loop
 reads only `posted`.
 
-A stop and the confirmations of the operator are no letters: cext.ring.operator.
+A stop and the confirmations of the operator are not letters: cext.ring.operator.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint64_t

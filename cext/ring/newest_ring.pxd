@@ -16,7 +16,7 @@ cdef extern from *:
     #include <stddef.h>
     #include <stdint.h>
     /* A frame in the ring may be written while it is read: its words are atomic, so that a torn copy, which the reader
-    discards, is no undefined behaviour. */
+    discards, is not undefined behaviour. */
     typedef uint64_t __attribute__((may_alias)) tw_word;
     static inline void tw_copy_in(void *shared, const void *own, size_t size) {
         for (size_t i = 0; i < size / sizeof(tw_word); i++)

@@ -76,7 +76,7 @@ cdef bint failed(LineEnd *end) noexcept nogil:
 
 
 cdef void line_begin(void *context, int64_t began) noexcept nogil:
-    """Discard earlier frames, which are no replies."""
+    """Discard earlier frames, which are not replies."""
     cdef LineEnd *end = <LineEnd *>context
     cdef Frame frame
     while get(&end.line.inward, &frame):

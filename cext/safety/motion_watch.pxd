@@ -17,7 +17,7 @@
 
 The law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; for a current command, its torque.
 All rules hold from the first reply of a drive on, with two exceptions. Until arming enables it, the operator may move the
-joint by hand: a position outside its range prevents arming, but is no fault. Before the first tick no stiffness or damping
+joint by hand: a position outside its range prevents arming, but is not a fault. Before the first tick no stiffness or damping
 is sent, so that no acceleration is a fault.
 """
 

@@ -2,7 +2,7 @@
 
 Principle
     1. Replies arrive in the order of their commands. A reply therefore answers the oldest command without a reply, and
-       its sample is no older than that command: the age of a sample begins there, and contains the way of the command
+       its sample is not older than that command: the age of a sample begins there, and contains the way of the command
        and the way of the reply. Commands count from the begin of their tick.
     2. A lost frame leaves a command without a reply, and all later samples seem older by one command each; never
        younger. While no more commands are open than are certain to be on their way, every match is exact.
@@ -107,7 +107,7 @@ cdef inline void note_asked(Transit *t, int count, int64_t now, int64_t sent, in
 
 
 cdef inline void note_arrival(Transit *t, int64_t time) noexcept nogil:
-    """Note a reply. time : ns, of its arrival. One without an open command is no older than the reply before."""
+    """Note a reply. time : ns, of its arrival. One without an open command is not older than the reply before."""
     t.silent_since = -1
     t.came += 1
     if not t.answers:

@@ -2,7 +2,7 @@
 
 Principle
     1. A device that only answers sends at most one reply to each frame. A reply without a question is a surplus.
-    2. A question is outstanding for TWIN_LATE to twice that time: late replies are no surplus, and lost ones hide a
+    2. A question is outstanding for TWIN_LATE to twice that time: late replies are not a surplus, and lost ones hide a
        surplus no longer than that.
     3. Each question removes a quarter of a reply from the surplus: single repeated frames have no effect. A surplus of
        TWIN_REPLIES is two devices. From two replies on, arming is not complete.

@@ -70,7 +70,7 @@ cdef class Devices:
         free(self.outgoing); free(self.outgoing_count)
 
     cdef void reset(self):
-        """Restore the state before the first arming. Frames from before are discarded, as they are no replies."""
+        """Restore the state before the first arming. Frames from before are discarded, as they are not replies."""
         if self.ran:
             self.buses.discard()
         self.ran = True

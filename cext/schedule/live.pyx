@@ -313,7 +313,7 @@ cdef class LiveTable:
 
 
 cdef void record_request(SharedLayout *page, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil:
-    """Record a request that is no letter. process : its ID. Requires a page."""
+    """Record a request from outside the mailbox. process : its ID. Requires a page."""
     cdef Change *change = <Change *>reserve(page, CHANGE, sizeof(Change))
     if change == NULL:
         page.dropped += 1

@@ -113,7 +113,7 @@ cdef class Tick:
     cdef void advance_plant_until(self, int64_t until) noexcept nogil:
         """Run all steps of the plant that begin before `until`, in ns from the begin of the run.
 
-        For a safe stop, whose rounds are no periods.
+        For a safe stop, whose rounds are not periods.
         """
         if self.plant is None:
             return

@@ -37,7 +37,7 @@ RETRY_PERIOD = 0.03  # s after which a swallowed Interrupted is raised again
 class Interrupted(BaseException):
     """A signal that ends the command. number : of the signal
 
-    It is no KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
+    It is not a KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
     """
 
     def __init__(self, number: int) -> None:

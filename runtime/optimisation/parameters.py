@@ -17,7 +17,7 @@ class Parameter:
 
     name : of a setting, as in --set: "profile.peak", "*/profile.peak"
     low, high : bounds, in the unit of the setting
-    largest_step : largest change from one proposal to the next, in the unit of the setting; None is no limit
+    largest_step : largest change from one proposal to the next, in the unit of the setting; None for no limit
     initial : value from which the optimiser starts; None is the middle of the bounds
 
     Raises BadInput.

@@ -1,9 +1,13 @@
 """Fenced blocks of a page: files to save, commands, and their output."""
 
+import math
 import re
 from dataclasses import dataclass
 
 FENCE = re.compile(r"(?P<before>[^\n]*)\n\n```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
+NUMBER = re.compile(r"[-−+]?\d+(?:[.\d]|e[+-]\d)*")
+DATE = re.compile(r"\d{4}-\d\d-\d\d(?:_\d\d-\d\d-\d\d)?")
+MACHINE = re.compile(r"\s*(?:speed|fused|rate|late by|load)\b")  # first words of lines about the machine
 SAVED = re.compile(r"Save\s+this\s+as\s+`([\w.]+)`[^`]*:$")
 
 
@@ -37,10 +41,31 @@ def fences(path):
 
 def without_numbers(lines):
     """Return lines with numbers, their units of time and the width they take left open."""
-    return [
-        re.sub(r"\s+", " ", re.sub(r"[-−+]?\d+(?:[.\d]|e[+-]\d)*", "#", line)).replace("µs", "s").replace("ms", "s")
-        for line in lines
-    ]
+    return [re.sub(r"\s+", " ", NUMBER.sub("#", line)).replace("µs", "s").replace("ms", "s") for line in lines]
+
+
+def same_text(shown, printed):
+    """Return whether two lines have one text without numbers. "..." at the end of the shown one is any text."""
+    shown, printed = without_numbers([shown, printed])
+    start = shown.removesuffix(" ...")
+    return shown == printed or start != shown and printed.startswith(start)
+
+
+def agree(shown, printed):
+    """Return whether a printed line is the shown one: integers exactly, other numbers within 2 % or their last digit.
+
+    Dates are left open, and so are all numbers of lines about the speed of the machine.
+    """
+    if not same_text(shown, printed):
+        return False
+    texts = [[] if MACHINE.match(line) else NUMBER.findall(DATE.sub("", line)) for line in (shown, printed)]
+    for pair in zip(*texts):
+        value, other = (float(text.replace("−", "-")) for text in pair)
+        digits = max(len(text.partition(".")[2]) for text in pair)
+        near = math.isclose(value, other, rel_tol=0.02, abs_tol=1.01 * 10**-digits)
+        if not near or digits == 0 and value != other:
+            return False
+    return True
 
 
 def texts(picture):

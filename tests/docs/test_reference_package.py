@@ -177,7 +177,7 @@ def right_hand_codes():
 
 
 @pytest.mark.parametrize("code", right_hand_codes())
-def test_what_the_right_hand_side_names_exists(code):
+def test_names_of_the_right_hand_side_exist(code):
     if code in WORDS or re.fullmatch(r'"\w+"|[\w/-]+\.(toml|csv|mcap)|/dev/[\w-]+|0x[\w.:]+|-servo', code):
         return
     if code.startswith("python -m runtime"):

@@ -1,6 +1,7 @@
 """Follow the tutorial as its reader does: save its files, run its commands and execute its notebook in one folder.
 
-python -m tests.docs.tutorial writes the pictures of the tutorial and of the README, and the outputs of the notebook.
+python -m tests.docs.tutorial writes the pictures of the tutorial and of the README, the numbers of the tutorial's
+outputs in virtual time, and the outputs of the notebook.
 """
 
 import re
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from tests.checkout import ROOT
 from tests.docs import notebook, readme
-from tests.docs.fences import fences
+from tests.docs.fences import DATE, agree, fences, same_text
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import environment, started
 from tests.runtime.terminals import Terminal
@@ -107,15 +108,28 @@ def pages():
     return sorted(path.name for path in TUTORIAL.glob("[0-9]*.md"))
 
 
-def write_pictures():
-    """Follow the tutorial and keep its pictures."""
+def corrected(shown, printed):
+    """Return lines of a page with the numbers that are printed, where they differ."""
+    rest, lines = iter(printed), []
+    for line in shown:
+        found = next((text for text in rest if same_text(line, text)), line) if line != "..." else line
+        date = DATE.search(line)
+        lines.append(line if line.endswith("...") or agree(line, found) else DATE.sub(date[0] if date else "", found))
+    return lines
+
+
+def write():
+    """Follow the tutorial, and keep its pictures and the numbers of its outputs in virtual time."""
     with tempfile.TemporaryDirectory() as folder:
         rc = Path(folder) / "matplotlibrc"
         rc.write_text("svg.fonttype: none\nsvg.hashsalt: tutorial\n")
         with Reader(Path(folder), cold=True, env=environment(MATPLOTLIBRC=str(rc))) as reader:
             for page in pages():
-                for _ in reader.follow(page):
-                    pass
+                text = (TUTORIAL / page).read_text()
+                for shown, printed in reader.follow(page):
+                    if reader.emulator is None:
+                        text = text.replace("\n".join(shown), "\n".join(corrected(shown, printed)))
+                (TUTORIAL / page).write_text(text)
         (Path(folder) / readme.NAME).write_text(
             readme.draw(reader.folder / "assist", (reader.folder / "exo.svg").read_text())
         )
@@ -130,5 +144,5 @@ def write_pictures():
 
 
 if __name__ == "__main__":
-    write_pictures()
+    write()
     notebook.write()

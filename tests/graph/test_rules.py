@@ -69,9 +69,9 @@ def test_the_rules_of_a_base_class_hold_in_its_subclasses():
     "rules, message",
     [
         ("low <= high", r'Bad.rules is a text: write a tuple, as in rules = \("low <= high",\)'),
-        (("low",), "Bad.rules: 'low' is no comparison with <, <=, > or >=, as in \"lower <= upper\""),
-        (("low == high",), "Bad.rules: 'low == high' is no comparison"),
-        (("low <",), "Bad.rules: 'low <' is no comparison"),
+        (("low",), "Bad.rules: 'low' is not a comparison with <, <=, > or >=, as in \"lower <= upper\""),
+        (("low == high",), "Bad.rules: 'low == high' is not a comparison"),
+        (("low <",), "Bad.rules: 'low <' is not a comparison"),
         (("low < middle",), "Bad: 'low < middle': 'middle' is not a numeric parameter of the class"),
         (("low < word",), "'word' is not a numeric parameter"),
         (("low * high < 1",), r"'low \* high' is not linear in the parameters"),

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.timing
 
 LETTERS, LETTER_BYTES = 32, 240
 KIND, COUNT, PARAMETER, VALUE = 16, 24, 32, 96  # offsets in a letter of cext/ring/mailbox.pxd
-CONFIRM = 3  # a kind of request that is no letter
+CONFIRM = 3  # a kind of request that is not a letter
 SECONDS = 1.5
 LONG = pytest.param(30.0, marks=pytest.mark.soak)
 
