@@ -30,6 +30,7 @@ class StreamDevice(Device):
     usb_vendors = ()  # USB vendor ids of its ports; ports of serial adapters are tried as well
     remedy = ""  # usual baud rates, shown if the device does not respond
     message_bytes = 0  # size of the messages that an emulator on a line of kind "net" sends
+    on_emulated_line = False  # whether its emulator is on a line, where a run sets it up
     encode = no_io.send_nothing
 
     def __init_subclass__(cls, **options):
@@ -49,10 +50,10 @@ class StreamDevice(Device):
     def set_up(self) -> Any:
         """Set up an identified device on a line of kind "dialogue": a dialogue (graph.dialogue).
 
-        Returns (messages to send again after a reconnect, remarks for the operator). Raises Rejected, NoReply,
-        ValueError.
+        Returns (messages to send again after a reconnect, remarks for the operator, {name: text} of the settings that
+        were read back, for the recording). Raises Rejected, NoReply, ValueError.
         """
-        return [], []
+        return [], [], {}
 
     def relay_frames(self) -> Sequence[bytes]:
         """Return the two frames that the guardian sends alternately to keep the relay of this device closed.

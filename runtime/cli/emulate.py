@@ -47,6 +47,9 @@ def main(arguments: Sequence[str]) -> int:
             raise BadInput(f"--lines {options.lines}: cannot create the folder: {error.strerror}") from None
     rig = read(options.rig)
     file, robot = load(options.file, options.settings, rig)
+    for device in robot:
+        if isinstance(device, StreamDevice):
+            device.on_emulated_line = True
     diagram, schedule, _ = plant_of(file, robot)
     if diagram is None or schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has no device on a bus that can be emulated")

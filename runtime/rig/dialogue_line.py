@@ -188,7 +188,7 @@ def _set_up(device, port):
         if options["serial"] and not about.ends_with(options["serial"]):
             message = f'{where} serial = "{options["serial"]}": that sensor is {about.serial}'
             raise Refused(RigProblem("TW127", message, "correct one of the two"))
-        messages, remarks = converse(port, device.set_up())
+        messages, remarks, settings = converse(port, device.set_up())
         line = Opened(detach(port), path, path=ports.by_id(path), setup=tuple(messages), proof=about.proof())
     except NoReply:
         port.close()
@@ -204,5 +204,6 @@ def _set_up(device, port):
     except (OSError, ValueError) as error:
         port.close()
         raise Refused(RigProblem("TW128", f"{where}: {error}", "unplug the sensor and plug it in again")) from None
+    line.settings = {"sensor": f"{about.model} {about.serial}, firmware {about.firmware}", **settings}
     line.remarks = tuple(f"{path}: {about.model} {about.serial} {remark}" for remark in remarks)
     return line

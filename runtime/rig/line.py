@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused
@@ -25,7 +25,7 @@ class Opened:
     channel : name of the line in messages
     path : where it can be opened again, "" for nowhere; setup : messages sent again after that; record, is_gpio, level,
         reconnects, proof : as of cext.lines.streams.Streams.add
-    remarks : lines for the operator before the run
+    remarks : lines for the operator before the run; settings : {name: text} of what was read back
     """
 
     fd: int
@@ -38,6 +38,7 @@ class Opened:
     reconnects: bool = False
     proof: tuple[bytes, bytes] = (b"", b"")
     remarks: tuple[str, ...] = ()
+    settings: dict[str, str] = field(default_factory=dict)
     close: Callable[[], object] | None = None
 
 

@@ -61,10 +61,11 @@ class StreamLines:
 
     lines : {name of the bus: (StreamInterface, cext.lines.streams.Stream)} of the lines that could be opened
     problems : of the others
+    settings : {path of a device: {name: text}} of what was read back
     """
 
     def __init__(self, devices: Sequence[StreamDevice]) -> None:
-        self.streams, self.lines, self.problems, self.closers = None, {}, [], []
+        self.streams, self.lines, self.problems, self.closers, self.settings = None, {}, [], [], {}
         if not devices:
             return
         self.streams = streams = Streams()
@@ -92,6 +93,7 @@ class StreamLines:
         os.close(opened.fd)
         if opened.close is not None:
             self.closers.append(opened.close)
+        self.settings |= {device.path: opened.settings} if opened.settings else {}
         self.lines[device.bus] = (
             StreamInterface(Line(device.bus, SHOWN_KINDS.get(kind, kind), opened.channel), opened.remarks),
             stream,

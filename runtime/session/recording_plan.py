@@ -112,7 +112,9 @@ def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
             "realtime": realtime.metadata(),
             "caveats": [asdict(caveat) for caveat in schedule.caveats],
             "accepted": list(request.accept),
-            "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
+            "rig": None
+            if rig is None
+            else {"file": str(rig.rig.path), "text": rig.rig.text, "settings": rig.streams.settings},
         },
     }
 

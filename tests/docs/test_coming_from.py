@@ -30,6 +30,9 @@ def test_diagrams_hold_the_joint_with_the_law_of_the_page(page):
     for diagram in own:
         trial = runtime.run(diagram, duration=6)
         assert trial.fault is None, (page, diagram.name)
+        if diagram.name == "leg":
+            assert np.isfinite(trial["shank.raw_euler[1]"]).all()  # a sensor alone
+            continue
         position, velocity = trial["knee.position"], trial["knee.velocity"]
         if diagram.name != "hold":
             assert np.ptp(position) > 0.3  # the state machine swings the knee

@@ -93,7 +93,7 @@ def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
     ages = files.table["left/knee.age [s]"]
     assert 0.0 <= ages.min() and np.median(ages) < 0.04  # of the last tick's answer
     sidecar = files.sidecar
-    assert sidecar["metadata"]["rig"] == {"file": str(rig), "text": RIG} and not sidecar["simulated"]
+    assert sidecar["metadata"]["rig"] == {"file": str(rig), "text": RIG, "settings": {}} and not sidecar["simulated"]
     [event] = [event for event in sidecar["events"] if event["event"] == "buses"]
     assert (event["legs"]["channel"], event["legs"]["worst_state"], event["legs"]["strangers"]) == (
         "vcan0",

@@ -8,7 +8,18 @@ from collections.abc import Iterator
 from typing import Any
 
 from blocks.imus.microstrain import queries, set_up
-from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FIELDS, FILTER, SENSOR, SHARED, TIMES, wanted
+from blocks.imus.microstrain.descriptors import (
+    CHANNELS,
+    COMMON,
+    EXTRA,
+    FIELDS,
+    FILTER,
+    SENSOR,
+    SHARED,
+    STANDARD,
+    TIMES,
+    wanted,
+)
 from blocks.imus.microstrain.emulator import EmulatedMicroStrain
 from blocks.serial_lines import speed_of
 from cext.kernels.devices.microstrain import mip as kernels
@@ -16,8 +27,8 @@ from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)  # roles of a field, in cext/kernels/devices/microstrain/mip.pyx
 ENVELOPE, SHORTEST_TIME = 6, 10  # bytes of a packet around its fields, and of the field with its time
+SHORTEST_TIME_CONSTANT, LONGEST_TIME_CONSTANT = 1.0, 1000.0  # s, of command 0C 51
 START_TARE_LIMIT = 0.8  # s; arming waits 1 s for a reply
-STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
 
 
 class MicroStrain(StreamDevice):
@@ -60,17 +71,51 @@ class MicroStrain(StreamDevice):
     heading = Param(
         "",
         "1",
-        "heading source of the filter; the sensor's setting by default",
+        "heading source of the estimation filter; the sensor's setting by default",
         dtype=str,
         choices=("", "none", "magnetometer"),
+    )
+    up_compensation = Param(
+        None,
+        "s",
+        "time constant with which the complementary filter corrects roll and pitch by gravity: 1 to 1000, or 0 for no "
+        "correction; the sensor's setting by default",
+        min=0.0,
+        max=LONGEST_TIME_CONSTANT,
+        fixed=True,
+        kernel=False,
+    )
+    north_compensation = Param(
+        None,
+        "s",
+        "time constant with which the complementary filter corrects the heading by the magnetic field: 1 to 1000, or 0 "
+        "for no correction; the sensor's setting by default",
+        min=0.0,
+        max=LONGEST_TIME_CONSTANT,
+        fixed=True,
+        kernel=False,
+    )
+    sensor_to_vehicle = Param(
+        (),
+        "rad",
+        "roll, pitch and yaw of the sensor relative to the axes in which it reports; the sensor's setting by default",
+        dtype=tuple,
     )
     low_pass = Param(
         0.0,
         "Hz",
-        "cut-off of the filters of accel, gyro and mag; 0: the sensor's setting",
+        "cut-off of the low-pass of accel, gyro, mag and pressure; 0: the sensor's setting",
         min=0.0,
         max=1000.0,
         fixed=True,
+    )
+    anti_aliasing = Param(
+        "",
+        "1",
+        "low-pass of these quantities at half the sample rate: on, or off for no low-pass; the sensor's setting by "
+        "default",
+        dtype=str,
+        choices=("", "on", "off"),
     )
     tare_at_start = Param(False, "1", "whether to tare with the first samples; arming waits for them", fixed=True)
     tare_time = Param(0.5, "s", "averaging time of a tare", min=0.0, max=60.0, fixed=True)
@@ -119,7 +164,7 @@ class MicroStrain(StreamDevice):
     kernel = kernels.before
     decode = kernels.decode
     encode = kernels.encode
-    hardware = ("serial", "port", "baudrate", "timeout")
+    hardware = ("serial", "port", "baudrate", "timeout", "sensor_to_vehicle")
 
     def configure(self) -> None:
         super().configure()
@@ -130,6 +175,7 @@ class MicroStrain(StreamDevice):
             raise ValueError(
                 f"channels must be among {', '.join(known)}, got {strangers[0] if strangers else 'none'!r}"
             )
+        self.check_filters()
         if self.tare_at_start and self.timeout > 0.0 and self.tare_time > START_TARE_LIMIT:
             raise ValueError(
                 "a tare at the start must end during arming: tare_time must be at most "
@@ -157,6 +203,18 @@ class MicroStrain(StreamDevice):
             float(not sets[0]),
             float(sets[0] + 2 * sets[1]),
         )
+
+    def check_filters(self) -> None:
+        """Check the rules between the settings of the sensor's filters. Raises ValueError."""
+        for name in ("up_compensation", "north_compensation"):
+            constant = getattr(self, name)
+            if constant is not None and 0.0 < constant < SHORTEST_TIME_CONSTANT:
+                raise ValueError(f"{name} must be 0, or 1 to 1000 s, got {constant:g} s")
+        if self.low_pass > 0.0 and self.anti_aliasing:
+            raise ValueError("low_pass sets a cut-off, and anti_aliasing another one or none: set one of the two")
+        self.sensor_to_vehicle = tuple(self.sensor_to_vehicle)
+        if len(self.sensor_to_vehicle) not in (0, 3) or not all(map(math.isfinite, self.sensor_to_vehicle)):
+            raise ValueError(f"sensor_to_vehicle must be (roll, pitch, yaw) in rad, got {self.sensor_to_vehicle}")
 
     def tabulate(self) -> None:
         """Return the table of the kernel, see cext/kernels/devices/microstrain/mip.pyx."""

@@ -16,8 +16,9 @@ ANGLES: int
 CLOCK: int
 ENVELOPE: int
 SHORTEST_TIME: int
+SHORTEST_TIME_CONSTANT: float
+LONGEST_TIME_CONSTANT: float
 START_TARE_LIMIT: float
-STANDARD: tuple[Any, ...]
 class MicroStrain(StreamDevice):
     serial: Param[str]
     port: Param[str]
@@ -26,7 +27,11 @@ class MicroStrain(StreamDevice):
     channels: Param[Sequence[Any] | np.ndarray]
     attitude: Param[Literal['filter', 'sensor']]
     heading: Param[Literal['', 'none', 'magnetometer']]
+    up_compensation: Param[float | None]
+    north_compensation: Param[float | None]
+    sensor_to_vehicle: Param[Sequence[Any] | np.ndarray]
     low_pass: Param[float]
+    anti_aliasing: Param[Literal['', 'on', 'off']]
     tare_at_start: Param[bool]
     tare_time: Param[float]
     timeout: Param[float]
@@ -66,7 +71,11 @@ class MicroStrain(StreamDevice):
         channels: Sequence[Any] | np.ndarray = ...,
         attitude: Literal['filter', 'sensor'] = 'filter',
         heading: Literal['', 'none', 'magnetometer'] = '',
+        up_compensation: float | None = None,
+        north_compensation: float | None = None,
+        sensor_to_vehicle: Sequence[Any] | np.ndarray = ...,
         low_pass: float = 0.0,
+        anti_aliasing: Literal['', 'on', 'off'] = '',
         tare_at_start: bool = False,
         tare_time: float = 0.5,
         timeout: float = 0.1,
@@ -75,6 +84,7 @@ class MicroStrain(StreamDevice):
     ) -> None: ...
     def __getattr__(self, name: str) -> Signal: ...
     def __call__(self, tare: Operand = ...) -> Any: ...
+    def check_filters(self) -> None: ...
     def tabulate(self) -> None: ...
     def opening(self) -> dict[str, int | str]: ...
     def sends(self) -> list[tuple[float, int]]: ...

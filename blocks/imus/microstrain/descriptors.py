@@ -7,6 +7,7 @@ are the stabilised vectors; the time since power-on of newer devices is D5.
 from __future__ import annotations
 
 import struct
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,6 +109,7 @@ CHANNELS = {
     "sensor": {"quaternion": "sensor_quaternion", "euler": "sensor_euler"},
 }
 COMMON = {"accel": "accel", "gyro": "gyro", "mag": "mag", "temperature": "temperatures"}
+STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")  # channels that are requested by default
 EXTRA = tuple(field.name for field in FIELDS if field.name not in COMMON.values())
 
 
@@ -118,5 +120,36 @@ def field_of(descriptor_set: Any, descriptor: Any) -> Any:
 
 def wanted(channels: tuple[str, ...], attitude: str) -> list[Field]:
     """The Fields of a block's channels, in the order of the table."""
-    names = {(COMMON | CHANNELS[attitude]).get(channel, channel) for channel in channels}
+    names = {name_of(channel, attitude) for channel in channels}
     return [field for field in FIELDS if field.name in names]
+
+
+def name_of(channel: str, attitude: str) -> str:
+    """Return the name of the Field of a block's channel."""
+    return (COMMON | CHANNELS[attitude]).get(channel, channel)
+
+
+def is_known(field: Field, known: Collection[int]) -> bool:
+    """Return whether a sensor sends a field. known : its data, each as set and descriptor in one number"""
+    sets = (SENSOR, FILTER) if field.set == SHARED else (field.set,)
+    return any(each << 8 | field.descriptor in known for each in sets)
+
+
+def lacking(channels: Sequence[str], attitude: str, known: Collection[int]) -> tuple[list[str], list[str]]:
+    """Return the channels that a sensor lacks: (those that may be NaN, those that a diagram must not request).
+
+    Every channel by default is of the first kind, as long as another one is available.
+    """
+    missing = [name for name in channels if not is_known(BY_NAME[name_of(name, attitude)], known)]
+    refused = missing if len(missing) == len(channels) else [name for name in missing if name not in STANDARD]
+    return [name for name in missing if name not in refused], refused
+
+
+def requested(fields: Sequence[Field], descriptor_set: int, known: Collection[int]) -> list[int]:
+    """Return the descriptors to request of a set, its time first; [] for none. known : as for is_known"""
+    if not any(field.set == descriptor_set and is_known(field, known) for field in fields):
+        return []
+    legacy = BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
+    times = [number for number in (0xD5, 0xD3, legacy) if descriptor_set << 8 | number in known]
+    own = [field.descriptor for field in fields if field.set in (descriptor_set, SHARED)]
+    return list(dict.fromkeys(times[:1] + [number for number in own if descriptor_set << 8 | number in known]))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from blocks.imus.microstrain import models
-from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDARD_GRAVITY, wanted
+from blocks.imus.microstrain import models, mounting
+from blocks.imus.microstrain.descriptors import FILTER, SENSOR, STANDARD, STANDARD_GRAVITY, lacking, requested, wanted
 from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
 
@@ -17,23 +17,22 @@ class EmulatedMicroStrain(Device):
     """Emulated MicroStrain sensor with MIP on an in-memory line or a pseudo-terminal.
 
     `EmulatedMicroStrain.of(robot["left/shank_imu"])` emulates the sensor of a robot's block and streams from the start
-    with the settings of the block. With `streaming_at_start=False` it waits for its set-up, as after being plugged in.
-    After a disconnection the sensor has its saved settings. With every fault input at zero, the sensor is healthy. It
-    sends at most 256 bytes per tick of the plant.
+    with the settings of the block. With `streaming_at_start=False`, and on a line of `emulate`, it waits for its
+    set-up, as after being plugged in. After a disconnection the sensor has its saved settings. With every fault input
+    at zero, the sensor is healthy. It sends at most 256 bytes per tick of the plant. Of its settings, only rate,
+    formats, streams and the sensor-to-vehicle rotation change the data.
     """
 
     bus = Param("imu", "1", "logical name of the line", dtype=str)
     model = Param("3DM-GX5-25", "1", f"model: {', '.join(models.MODELS)}", dtype=str)
     serial = Param("133931", "1", "serial number", dtype=str)
     rate = Param(200.0, "Hz", "rate of the samples", above=0.0, max=1000.0, fixed=True)
-    channels = Param(
-        ("accel", "gyro", "mag", "quaternion", "temperature"),
-        "1",
-        "requested channels, as for MicroStrain",
-        dtype=tuple,
-    )
+    channels = Param(STANDARD, "1", "requested channels, as for MicroStrain", dtype=tuple)
     attitude = Param(
         "filter", "1", "source of quaternion and euler, as for MicroStrain", dtype=str, choices=("filter", "sensor")
+    )
+    sensor_to_vehicle = Param(
+        (), "rad", "stored roll, pitch and yaw of the sensor relative to the vehicle, as for MicroStrain", dtype=tuple
     )
     streaming_at_start = Param(True, "1", "whether the sensor streams before it is configured", fixed=True)
     clock_error = Param(0.0, "1", "relative slowness of the sensor's clock", min=-0.01, max=0.01, fixed=True)
@@ -62,6 +61,7 @@ class EmulatedMicroStrain(Device):
     known = Memory(0.0, "descriptors of the supported commands and data")
     settings = Memory((0.0,) * 5, "base rate, generation, error and start of the clock, seed")
     power_on = Memory(0.0, "formats, and 1 for each set that streams")
+    registers = Memory(0.0, "commands of further settings, their replies, lengths and factory values")
     state = Memory((0.0,) * kernels.state_doubles, "settings, and bytes to be sent")
 
     medium = "stream"
@@ -72,9 +72,9 @@ class EmulatedMicroStrain(Device):
     @classmethod
     def of(cls, sensor: Any, **parameters: Any) -> EmulatedMicroStrain:
         """Return the emulator of a robot's block."""
-        same = {name: getattr(sensor, name) for name in ("bus", "rate", "channels", "attitude")}
-        if sensor.serial:
-            same["serial"] = sensor.serial
+        names = ("bus", "rate", "channels", "attitude", "sensor_to_vehicle", *(("serial",) if sensor.serial else ()))
+        same: dict[str, Any] = {name: getattr(sensor, name) for name in names}
+        same["streaming_at_start"] = not sensor.on_emulated_line
         return cls(**same | parameters)
 
     def configure(self) -> None:
@@ -82,24 +82,28 @@ class EmulatedMicroStrain(Device):
         divided = spec.base_rate / self.rate
         if abs(divided - round(divided)) > 1e-6:
             raise ValueError(f"rate must be {spec.base_rate:g} Hz divided by an integer, got {self.rate:g} Hz")
+        _, refused = lacking(self.channels, self.attitude, spec.data)
+        if refused:
+            raise ValueError(f"channels: the {spec.name} has no {', '.join(refused)}")
         texts = (spec.name, spec.number, f"{spec.number[:4]}.{self.serial}", "", "5g, 300dps")
         data = (1106).to_bytes(2, "big") + b"".join(text[:INFO].rjust(INFO).encode("ascii") for text in texts)
         self.about, self.known = tuple(map(float, data)), tuple(map(float, spec.known))
         self.settings = (spec.base_rate, float(spec.newer), self.clock_error, self.clock_start, float(self.seed))
+        self.registers = tuple(number for setting in spec.settings for number in self.register(setting))
         self.power_on = (*self.saved(SENSOR, round(divided)), *self.saved(FILTER, round(divided)))
+
+    def register(self, setting: models.Setting) -> tuple[float, ...]:
+        """Return the row of a setting."""
+        factory = setting.factory
+        if setting.command == models.ROTATION[self.spec.newer] and self.sensor_to_vehicle:
+            factory = models.vector(*mounting.stored(self.sensor_to_vehicle, self.spec.newer))
+        head = (float(setting.command), float(setting.reply), float(len(factory)))
+        return *head, *map(float, factory), *[0.0] * (kernels.value_limit - len(factory))
 
     def saved(self, descriptor_set: int, decimation: int) -> tuple[float, ...]:
         """Return the format of one set at power-on, and whether it streams."""
-        time = (
-            0xD5
-            if self.spec.newer
-            else BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
-        )
-        fields = [field.descriptor for field in wanted(self.channels, self.attitude) if field.set == descriptor_set]
-        fields = [descriptor for descriptor in fields if descriptor_set << 8 | descriptor in self.spec.known]
-        numbers = [
-            float(number) for descriptor in ([time, *fields] if fields else []) for number in (descriptor, decimation)
-        ]
+        fields = requested(wanted(self.channels, self.attitude), descriptor_set, self.spec.data)
+        numbers = [float(number) for descriptor in fields for number in (descriptor, decimation)]
         return (
             len(numbers) / 2,
             *numbers,

@@ -6,6 +6,7 @@ import numpy as np
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
 from typing import Any
+from blocks.imus.microstrain import models
 from graph import Device, Input, Memory, Output, Param
 
 FIELD_LIMIT: int
@@ -17,6 +18,7 @@ class EmulatedMicroStrain(Device):
     rate: Param[float]
     channels: Param[Sequence[Any] | np.ndarray]
     attitude: Param[Literal['filter', 'sensor']]
+    sensor_to_vehicle: Param[Sequence[Any] | np.ndarray]
     streaming_at_start: Param[bool]
     clock_error: Param[float]
     clock_start: Param[float]
@@ -42,6 +44,7 @@ class EmulatedMicroStrain(Device):
     known: Memory
     settings: Memory
     power_on: Memory
+    registers: Memory
     state: Memory
     spec: Any
     def __init__(
@@ -52,6 +55,7 @@ class EmulatedMicroStrain(Device):
         rate: float = 200.0,
         channels: Sequence[Any] | np.ndarray = ...,
         attitude: Literal['filter', 'sensor'] = 'filter',
+        sensor_to_vehicle: Sequence[Any] | np.ndarray = ...,
         streaming_at_start: bool = True,
         clock_error: float = 0.0,
         clock_start: float = 1000.0,
@@ -81,4 +85,5 @@ class EmulatedMicroStrain(Device):
     ) -> Outputs: ...
     @classmethod
     def of(cls, sensor: Any, **parameters: Any) -> EmulatedMicroStrain: ...
+    def register(self, setting: models.Setting) -> tuple[float, ...]: ...
     def saved(self, descriptor_set: int, decimation: int) -> tuple[float, ...]: ...

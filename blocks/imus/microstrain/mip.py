@@ -75,6 +75,6 @@ def decode(packet: Any) -> Any:
     return found
 
 
-def command(descriptor_set: int, descriptor: int, form: str = "", *values: int) -> bytes:
+def command(descriptor_set: int, descriptor: int, form: str = "", *values: float) -> bytes:
     """Return a packet with one command. form : format of its values, as for struct"""
     return packet(descriptor_set, (descriptor, struct.pack(">" + form, *values)))

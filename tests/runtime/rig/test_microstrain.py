@@ -12,13 +12,27 @@ from pathlib import Path
 
 import pytest
 
+import runtime
 from blocks.imus import MicroStrain
 from graph import Diagram
+from runtime.base.errors import OK
 from runtime.rig.dialogue_line import converse, open_lines
 from runtime.rig.line import Opened
 from runtime.rig.streams import StreamLines
 from tests.blocks.imus.hearing import Hearing
-from tests.runtime.runs import module
+from tests.runtime.runs import finished, module, write
+
+FILTERED = """
+from blocks.imus import MicroStrain
+from blocks.recorders import CsvRecorder
+from graph import Diagram
+
+SETTINGS = {"heading": "none", "up_compensation": 7.0, "north_compensation": 0.0, "sensor_to_vehicle": (0.0, 0.0, 0.0)}
+
+with Diagram("filtered", rate=200) as diagram:
+    MicroStrain(attitude="sensor", anti_aliasing="off", channels=("gyro", "euler"), **SETTINGS, name="shank")
+    CsvRecorder()
+"""
 
 
 class Sensors:
@@ -138,12 +152,22 @@ def test_sensor_has_the_settings_sent(there):
     from blocks.imus.microstrain.queries import ask, identify
     from runtime.rig.ports import open_port
 
-    found = one(serial="133931", rate=250.0, heading="magnetometer", low_pass=40.0, channels=("gyro", "quaternion"))
+    found = one(
+        serial="133931",
+        rate=250.0,
+        heading="magnetometer",
+        north_compensation=0.0,
+        sensor_to_vehicle=(0.0, 0.0, 0.0),
+        low_pass=40.0,
+        channels=("gyro", "quaternion"),
+    )
     assert [message[2] << 8 | mip.fields(message)[0][0] for message in found.setup] == [
         0x0102,
         0x0C08,
         0x0C0A,
         0x0D18,
+        0x0C51,
+        0x0D11,
         0x0C50,
         0x0C11,
         0x0C11,
@@ -177,6 +201,50 @@ def test_newer_generation_is_configured_for_magnetometer_aiding(there):
             with pytest.raises(Refusal) as refused:
                 converse(port, ask(mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, source, 1)))
             assert refused.value.code == 3
+
+
+def test_filters_and_mounting_are_written_and_read_back(there):
+    found = one(
+        serial="133931",
+        heading="magnetometer",
+        up_compensation=20.0,
+        north_compensation=0.0,
+        sensor_to_vehicle=("90 deg", 0.0, "-30 deg"),
+        low_pass=40.0,
+        channels=("gyro", "mag", "quaternion"),
+    )
+    assert found.settings == {
+        "sensor": "3DM-GX5-25 6253.133931, firmware 1.1.6",
+        "heading source": "magnetometer",
+        "up compensation": "20 s",
+        "north compensation": "off",
+        "sensor to vehicle": "roll, pitch, yaw 90, 0, -30°",
+        "low-pass of gyro": "40 Hz",
+        "low-pass of mag": "40 Hz",
+    }
+    untouched = one(serial="133931", channels=("gyro", "quaternion"))
+    assert untouched.settings["up compensation"] == "20 s" and untouched.settings["low-pass of gyro"] == "40 Hz"
+    assert "axes turned by the rotation stored in it: roll, pitch, yaw 90, 0, -30°" in untouched.remarks[0]
+    one(serial="133931", sensor_to_vehicle=(0.0, 0.0, 0.0), anti_aliasing="on", up_compensation=10.0)
+
+
+def test_the_settings_that_were_read_are_recorded(there, tmp_path):
+    write(tmp_path, FILTERED, "filtered.py")
+    write(tmp_path, '[device.shank]\nserial = "133931"\n', "lab.toml")
+    arguments = ("--rig", "lab.toml", "--yes", "--realtime", "off", "--duration", "0.2", "--record", "out")
+    run = finished("filtered.py", *arguments, cwd=tmp_path)
+    assert run.returncode == OK, run.stderr
+    [recording] = (tmp_path / "out").glob("*.mcap")
+    assert runtime.load(recording).about["metadata"]["rig"]["settings"] == {
+        "shank": {
+            "sensor": "3DM-GX5-25 6253.133931, firmware 1.1.6",
+            "heading source": "none",
+            "up compensation": "7 s",
+            "north compensation": "off",
+            "sensor to vehicle": "roll, pitch, yaw 0, 0, 0°",
+            "low-pass of gyro": "off",
+        }
+    }
 
 
 def streaming(plug, opened):
@@ -306,7 +374,7 @@ def test_an_unsupported_rate_is_rejected(there):
 
 def test_unsupported_channels_are_rejected(there):
     trouble = one(serial="900001", channels=("mag",))
-    assert trouble.code == "TW129" and "it supports none of mag" in trouble.message
+    assert trouble.code == "TW129" and "it has no mag" in trouble.message
 
 
 def test_open_port_is_locked_against_other_processes(there, opened):

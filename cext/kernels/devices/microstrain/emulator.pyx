@@ -6,7 +6,7 @@ times since power-on in the fields 80 12 and 82 11; the newer has one format com
 the shared field D5.
 """
 
-from libc.math cimport NAN, asin, atan2
+from libc.math cimport isfinite
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint16_t, uint64_t
 from libc.string cimport memcpy, memmove, memset
 
@@ -15,8 +15,10 @@ from cext.abi cimport (
     items,
 )
 from cext.kernels.devices.microstrain.mip cimport (
-    HEAD, READ, SYNC_1, SYNC_2, WRITE, Pending, finish, float_32, next_packet, put_16, put_64, put_double, put_float,
+    HEAD, LOAD, READ, RESET, SAVE, SYNC_1, SYNC_2, WRITE, Pending, finish, float_32, from_angles, next_packet, put_16,
+    put_float,
 )
+from cext.kernels.devices.microstrain.truth cimport Truth, fill, mount
 from cext.ring.newest_ring cimport START
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
@@ -25,6 +27,9 @@ cdef enum:
     OUTBOX = 4096               # bytes
     INFO = 82                   # bytes of the reply to device info
     FILTERED = 4                # fields of set 80 with a low-pass: 04, 05, 06, 17
+    REGISTERS = 24              # further settings, and the bytes of each
+    VALUE = 40
+    WORDS = VALUE + 3           # numbers of each: command, descriptor of its reply, length, factory value
 
 cdef struct Settings:
     double base_rate            # Hz
@@ -47,6 +52,7 @@ cdef struct Setup:              # settings that can be saved
     Format format[2]            # of the sets 80 and 82
     int32_t streams[2]
     LowPass low_pass[FILTERED]
+    uint8_t value[REGISTERS][VALUE]
 
 cdef struct State:
     Pending inbox
@@ -77,11 +83,12 @@ cdef struct Sensor:
     int32_t known               # commands and fields, set << 8 | descriptor
     int32_t settings            # Settings
     int32_t power_on            # formats, and whether it streams
+    int32_t registers           # further settings, which have no effect except the rotation
     int32_t state               # State
 
 SENSOR = items(
     (<Sensor *>ITEMS)[0],
-    "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[5] power_on[68] state[...]")
+    "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[5] power_on[68] registers[...] state[...]")
 
 
 cdef bint supports(double *arena, const Sensor *at, const Sensor *sizes, int descriptor_set,
@@ -127,6 +134,9 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
         state.idle = 0
     elif command == 0x017E:
         state.now, state.idle = state.saved, 0
+    elif command == 0x0105:
+        out[0], out[1] = 6, 0x83                    # no fault
+        return 6
     elif command == 0x0103:
         out[0], out[1] = INFO + 2, 0x81
         for index in range(INFO):
@@ -177,8 +187,24 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
             return 4
         if data[0] == WRITE:
             state.now.streams[stream] = data[2] != 0
+        elif data[0] == SAVE:
+            state.saved.streams[stream] = state.now.streams[stream]
+        elif data[0] == LOAD:
+            state.now.streams[stream] = state.saved.streams[stream]
     elif command == 0x0C30:
-        state.saved = state.now
+        if length < 1 or not SAVE <= data[0] <= RESET:
+            return -3
+        if data[0] == SAVE:
+            state.saved = state.now
+        elif data[0] == LOAD:
+            state.now = state.saved
+        else:
+            factory(arena, at, sizes, &state.now)
+    elif command == 0x0C39:
+        if length < 2:
+            return -3
+        out[0], out[1] = 14, 0x9B                   # the bias of an ideal gyroscope
+        return 14
     elif command == 0x0C50 or command == 0x0C54:
         return low_pass(arena, at, sizes, state, out, field[1] == 0x54, data, length)
     elif command == 0x0D18:
@@ -203,7 +229,82 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
             if length < 4 or data[1] != 0 or data[2] != 4 or not supports(arena, at, sizes, 0x80, 0x06):
                 return -3                           # the only aiding source is its own magnetometer
             arena[at.heading] = data[3]
+    else:
+        return setting(arena, at, sizes, state, out, command, data, length)
     return 0
+
+
+cdef int setting(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int command,
+        const uint8_t *data, int length) noexcept nogil:
+    """Write, read, save, load or reset one of `registers`. A command that is not among them is only acknowledged."""
+    cdef int index = register_of(arena, at, sizes, command)
+    cdef int count, i
+    cdef const double *row
+    if index < 0:
+        return 0
+    row = arena + at.registers + WORDS * index
+    count = <int>row[2]
+    if length < 1 or (data[0] == WRITE and length < 1 + count):
+        return -3
+    if data[0] == READ:
+        out[0], out[1] = <uint8_t>(2 + count), <uint8_t>row[1]
+        memcpy(out + 2, state.now.value[index], count)
+        return 2 + count
+    if data[0] == WRITE:
+        if not is_valid(command, data + 1, supports(arena, at, sizes, 0x80, 0x06)):
+            return -3
+        memcpy(state.now.value[index], data + 1, count)
+    elif data[0] == SAVE:
+        memcpy(state.saved.value[index], state.now.value[index], count)
+    elif data[0] == LOAD:
+        memcpy(state.now.value[index], state.saved.value[index], count)
+    elif data[0] == RESET:
+        for i in range(count):
+            state.now.value[index][i] = <uint8_t>row[3 + i]
+    else:
+        return -3
+    return 0
+
+
+cdef int register_of(double *arena, const Sensor *at, const Sensor *sizes, int command) noexcept nogil:
+    """Return the index of a command's setting, -1 for none."""
+    cdef int index
+    for index in range(sizes.registers // WORDS):
+        if <int>arena[at.registers + WORDS * index] == command:
+            return index
+    return -1
+
+
+cdef bint is_valid(int command, const uint8_t *data, bint has_magnetometer) noexcept nogil:
+    cdef int i
+    if command == 0x0C51:                           # up and north: enabled, 1 to 1000 s
+        return (data[0] <= 1 and data[1] <= 1 and (data[1] == 0 or has_magnetometer)
+            and 1.0 <= float_32(data + 2) <= 1000.0 and 1.0 <= float_32(data + 6) <= 1000.0)
+    if command == 0x0D11 or command == 0x0C31:      # roll, pitch, yaw
+        for i in range(3):
+            if not isfinite(float_32(data + 4 * i)):
+                return False
+    return True
+
+
+cdef bint mounting(double *arena, const Sensor *at, const Sensor *sizes, const State *state, double *q) noexcept nogil:
+    """Compute the rotation from the vehicle's axes to the sensor's. Returns whether there is one.
+
+    0C 31 has the angles of the sensor relative to the vehicle, 0D 11 those of the inverse.
+    """
+    cdef int newer = (<const Settings *>(arena + at.settings)).newer != 0.0
+    cdef int index = register_of(arena, at, sizes, 0x0C31 if newer else 0x0D11)
+    cdef double angles[3]
+    cdef int i
+    if index < 0:
+        return False
+    for i in range(3):
+        angles[i] = float_32(state.now.value[index] + 4 * i)
+    from_angles(angles, q)
+    if newer:
+        for i in range(1, 4):
+            q[i] = -q[i]
+    return angles[0] != 0.0 or angles[1] != 0.0 or angles[2] != 0.0
 
 
 cdef inline int low_pass_of(int descriptor) noexcept nogil:
@@ -256,6 +357,14 @@ cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *s
         for index in range(first, FILTERED if place == FILTERED else place + 1):
             state.now.low_pass[index] = wanted
         arena[at.cutoff] = wanted.cutoff
+    elif SAVE <= data[0] <= RESET:
+        wanted.enabled, wanted.manual, wanted.cutoff = 1, 0, 0.0
+        first = 0 if place == FILTERED else place
+        for index in range(first, FILTERED if place == FILTERED else place + 1):
+            if data[0] == SAVE:
+                state.saved.low_pass[index] = state.now.low_pass[index]
+            else:
+                state.now.low_pass[index] = state.saved.low_pass[index] if data[0] == LOAD else wanted
     return 0
 
 
@@ -276,6 +385,10 @@ cdef int set_format(double *arena, const Sensor *at, const Sensor *sizes, State 
             put_16(out + 4 + more + 3 * index, format.decimation[index])
         out[0] = <uint8_t>(3 + more + 3 * format.count)
         return out[0]
+    if data[0] == SAVE:
+        state.saved.format[which] = format[0]
+    elif data[0] == LOAD:
+        format[0] = state.saved.format[which]
     if data[0] != WRITE:
         return 0
     if length < 2 + more:
@@ -315,7 +428,7 @@ cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, con
     cdef State *state = <State *>(arena + at.state)
     cdef int offset = 0
     cdef int need
-    start_up(arena, at, state)
+    start_up(arena, at, sizes, state)
     if frame.id != BYTES or arena[at.disconnected] != 0.0:
         return TAKEN
     memcpy(state.inbox.bytes + state.inbox.length, frame.data, frame.length)
@@ -334,76 +447,25 @@ cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, con
 
 # Data
 
-cdef inline int floats(uint8_t *out, const double *values, int count, double scale, bint flagged, bint valid,
-        bint spoilt) noexcept nogil:
-    cdef int index
-    for index in range(count):
-        put_float(out + 4 * index, NAN if spoilt else values[index] * scale)
-    if flagged:
-        put_16(out + 4 * count, <uint16_t>valid)
-    return 4 * count + (2 if flagged else 0)
+cdef void measure(double *arena, const Sensor *at, const Sensor *sizes, const State *state,
+        Truth *truth) noexcept nogil:
+    """Take the measurements of the present tick."""
+    cdef double turned[4]
+    memcpy(truth.accel, arena + at.accel, sizeof(truth.accel))
+    memcpy(truth.gyro, arena + at.gyro, sizeof(truth.gyro))
+    memcpy(truth.mag, arena + at.mag, sizeof(truth.mag))
+    memcpy(truth.filter, arena + at.quaternion, sizeof(truth.filter))
+    memcpy(truth.sensor, arena + at.quaternion, sizeof(truth.sensor))
+    truth.temperature = arena[at.temperature]
+    truth.valid = arena[at.uninitialised] == 0.0
+    truth.spoilt = arena[at.not_a_number] != 0.0
+    if mounting(arena, at, sizes, state, turned):
+        mount(truth, turned, (<const Settings *>(arena + at.settings)).newer != 0.0)
 
 
-cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descriptor, double clock, double period,
-        uint8_t *out) noexcept nogil:
-    """Write the data of a field. Returns their length, 0 for an unknown field."""
-    cdef double *q = arena + at.quaternion
-    cdef double values[9]
-    cdef bint filtered = descriptor_set == 0x82
-    cdef bint spoilt = arena[at.not_a_number] != 0.0
-    cdef bint valid = arena[at.uninitialised] == 0.0
-    cdef int key = descriptor_set << 8 | descriptor
-    cdef int index
-    for index in range(9):
-        values[index] = 0.0
-    if descriptor == 0xD5:
-        put_64(out, <uint64_t>(clock * 1e9 + 0.5))
-        return 8
-    if descriptor == 0xD3 or key == 0x8012 or key == 0x8211:
-        put_double(out, clock)
-        put_16(out + 8, 0)
-        put_16(out + 10, 1)
-        return 12
-    if descriptor == 0xD4:
-        put_double(out, period)
-        return 8
-    if key == 0x8210:
-        put_16(out, 2 if valid else 1)
-        put_16(out + 2, 2)
-        put_16(out + 4, 0)
-        return 6
-    if key == 0x8004 or key == 0x8011 or key == 0x821C or key == 0x820D:
-        return floats(out, arena + at.accel, 3, 1.0 / 9.80665 if not filtered else 1.0, filtered, valid, spoilt)
-    if key == 0x8005 or key == 0x820E:
-        return floats(out, arena + at.gyro, 3, 1.0, filtered, valid, spoilt)
-    if key == 0x8006 or key == 0x8010:
-        return floats(out, arena + at.mag, 3, 0.01, False, valid, spoilt)
-    if key == 0x800A or key == 0x8203:
-        return floats(out, q, 4, 1.0, filtered, valid, spoilt)
-    if key == 0x800C or key == 0x8205:
-        values[0] = atan2(2.0 * (q[2] * q[3] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
-        values[1] = asin(max(-1.0, min(1.0, 2.0 * (q[0] * q[2] - q[1] * q[3]))))
-        values[2] = atan2(2.0 * (q[1] * q[2] + q[0] * q[3]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
-        return floats(out, values, 3, 1.0, filtered, valid, spoilt)
-    if key == 0x8014:
-        values[0] = values[1] = values[2] = arena[at.temperature]
-        return floats(out, values, 3, 1.0, False, valid, spoilt)
-    if key == 0x8017:
-        values[0] = 1013.25
-        return floats(out, values, 1, 1.0, False, valid, spoilt)
-    if key == 0x8007 or key == 0x8008:
-        for index in range(3):
-            values[index] = (arena + (at.gyro if descriptor == 7 else at.accel))[index] * period * (1.0
-                if descriptor == 7 else 1.0 / 9.80665)
-        return floats(out, values, 3, 1.0, False, valid, spoilt)
-    if key == 0x8206 or key == 0x8213:
-        values[2] = 9.80665 if descriptor == 0x13 else 0.0
-        return floats(out, values, 3, 1.0, True, valid, spoilt)
-    return 0
-
-
-cdef void sample(double *arena, const Sensor *at, State *state, int which, double clock, double period) noexcept nogil:
-    """Send one packet of one set, if due."""
+cdef void sample(double *arena, const Sensor *at, State *state, Truth *truth, int which,
+        double period) noexcept nogil:
+    """Send one packet of one set, if due. period : of the base rate"""
     cdef uint8_t packet[400]
     cdef const Format *format = &state.now.format[which]
     cdef int offset = HEAD
@@ -411,8 +473,8 @@ cdef void sample(double *arena, const Sensor *at, State *state, int which, doubl
     packet[2] = 0x82 if which else 0x80
     for index in range(format.count):
         if state.sample % format.decimation[index] == 0:
-            count = fill(arena, at, packet[2], format.descriptor[index], clock, period * format.decimation[index],
-                packet + offset + 2)
+            truth.period = period * format.decimation[index]
+            count = fill(truth, packet[2], format.descriptor[index], packet + offset + 2)
             if count > 0 and offset + 2 + count <= HEAD + 255:
                 packet[offset], packet[offset + 1] = <uint8_t>(2 + count), format.descriptor[index]
                 offset += 2 + count
@@ -438,21 +500,30 @@ cdef void litter(double *arena, const Sensor *at, State *state) noexcept nogil:
         post(arena, at, state, &byte, 1)
 
 
-cdef void start_up(double *arena, const Sensor *at, State *state) noexcept nogil:
-    """Load the saved settings from the block: per set, fields with descriptor and decimation; whether it streams."""
+cdef void factory(double *arena, const Sensor *at, const Sensor *sizes, Setup *setup) noexcept nogil:
+    """Set the factory settings: formats and streams are those of the block."""
     cdef const double *saved = arena + at.power_on
-    cdef int which, index
+    cdef const double *row
+    cdef int which, index, i
+    for which in range(2):
+        setup.format[which].count = <int>saved[0]
+        for index in range(FIELD_LIMIT):
+            setup.format[which].descriptor[index] = <uint8_t>saved[1 + 2 * index]
+            setup.format[which].decimation[index] = <uint16_t>saved[2 + 2 * index]
+        setup.streams[which] = <int>saved[1 + 2 * FIELD_LIMIT]
+        saved += 2 + 2 * FIELD_LIMIT
+    for index in range(FILTERED):
+        setup.low_pass[index].enabled, setup.low_pass[index].manual, setup.low_pass[index].cutoff = 1, 0, 0.0
+    for index in range(sizes.registers // WORDS):
+        row = arena + at.registers + WORDS * index
+        for i in range(<int>row[2]):
+            setup.value[index][i] = <uint8_t>row[3 + i]
+
+
+cdef void start_up(double *arena, const Sensor *at, const Sensor *sizes, State *state) noexcept nogil:
     if state.begun == 0:
         state.begun = 1
-        for which in range(2):
-            state.now.format[which].count = <int>saved[0]
-            for index in range(FIELD_LIMIT):
-                state.now.format[which].descriptor[index] = <uint8_t>saved[1 + 2 * index]
-                state.now.format[which].decimation[index] = <uint16_t>saved[2 + 2 * index]
-            state.now.streams[which] = <int>saved[1 + 2 * FIELD_LIMIT]
-            saved += 2 + 2 * FIELD_LIMIT
-        for index in range(FILTERED):
-            state.now.low_pass[index].enabled = 1
+        factory(arena, at, sizes, &state.now)
         state.saved = state.now
         state.luck = <uint64_t>(<const Settings *>(arena + at.settings)).seed * 2 + 1
         chance(state)
@@ -467,7 +538,8 @@ cdef int sensor_encode(double *arena, const Sensor *at, const Sensor *sizes, Fra
     cdef int which, size
     cdef int count = 0
     cdef bint gone = arena[at.disconnected] != 0.0
-    start_up(arena, at, state)
+    cdef Truth truth
+    start_up(arena, at, sizes, state)
     memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
     if gone != (state.gone != 0):
         state.gone = gone
@@ -477,12 +549,14 @@ cdef int sensor_encode(double *arena, const Sensor *at, const Sensor *sizes, Fra
         count = 1
     if due - state.sample > 100:
         state.sample = due - 100                # not stepped for a long time
+    if state.sample <= due:
+        measure(arena, at, sizes, state, &truth)
     while state.sample <= due:
+        truth.clock = settings.clock_start + state.sample * period / (1.0 + settings.clock_drift)
         if not gone and state.idle == 0 and arena[at.silent] == 0.0:
             for which in range(2):
                 if state.now.streams[which]:
-                    sample(arena, at, state, which, settings.clock_start + state.sample
-                        * period / (1.0 + settings.clock_drift), period)
+                    sample(arena, at, state, &truth, which, period)
         state.sample += 1
     arena[at.streaming] = state.idle == 0 and not gone and (state.now.streams[0] != 0 or state.now.streams[1] != 0)
     while state.waiting > 0 and count < FRAMES_PER_DEVICE:
@@ -496,4 +570,4 @@ cdef int sensor_encode(double *arena, const Sensor *at, const Sensor *sizes, Fra
 
 
 decode, encode = export_decode(<decode_t>sensor_decode, SENSOR), export_encode(<encode_t>sensor_encode, SENSOR)
-state_doubles = (sizeof(State) + 7) // 8
+state_doubles, register_limit, value_limit = (sizeof(State) + 7) // 8, REGISTERS, VALUE

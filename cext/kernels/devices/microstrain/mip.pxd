@@ -6,6 +6,7 @@ A field's length counts itself and its descriptor. The checksum is two running s
 it. All values are big-endian. (MIP SDK; Data Communications Protocol of the 3DM-GX5)
 """
 
+from libc.math cimport cos, sin
 from libc.stdint cimport int64_t, uint8_t, uint16_t, uint32_t, uint64_t
 from libc.string cimport memchr, memcpy, memmove
 
@@ -25,6 +26,9 @@ cdef enum:
 cdef enum: # functions of a setting's command
     WRITE = 1
     READ = 2
+    SAVE = 3
+    LOAD = 4
+    RESET = 5                   # to the factory setting
 
 cdef struct Pending:            # in the memory of a block
     int64_t length
@@ -137,3 +141,38 @@ cdef inline int finish(uint8_t *packet, int fields) noexcept nogil:
     sums = fletcher(packet, HEAD + fields)
     put_16(packet + HEAD + fields, sums)
     return OVERHEAD + fields
+
+
+# Attitude
+
+cdef inline void product(const double *a, const double *b, double *c) noexcept nogil:
+    """Compute c = a* b, the rotation from one attitude to the other."""
+    c[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    c[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
+    c[2] = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
+    c[3] = a[0] * b[3] - a[1] * b[2] + a[2] * b[1] - a[3] * b[0]
+
+
+cdef inline void from_angles(const double *euler, double *q) noexcept nogil:
+    cdef double cr = cos(0.5 * euler[0])
+    cdef double sr = sin(0.5 * euler[0])
+    cdef double cp = cos(0.5 * euler[1])
+    cdef double sp = sin(0.5 * euler[1])
+    cdef double cy = cos(0.5 * euler[2])
+    cdef double sy = sin(0.5 * euler[2])
+    q[0] = cr * cp * cy + sr * sp * sy
+    q[1] = sr * cp * cy - cr * sp * sy
+    q[2] = cr * sp * cy + sr * cp * sy
+    q[3] = cr * cp * sy - sr * sp * cy
+
+
+cdef inline void to_matrix(const double *q, double *r) noexcept nogil:
+    r[0] = 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3])
+    r[1] = 2.0 * (q[1] * q[2] - q[0] * q[3])
+    r[2] = 2.0 * (q[1] * q[3] + q[0] * q[2])
+    r[3] = 2.0 * (q[1] * q[2] + q[0] * q[3])
+    r[4] = 1.0 - 2.0 * (q[1] * q[1] + q[3] * q[3])
+    r[5] = 2.0 * (q[2] * q[3] - q[0] * q[1])
+    r[6] = 2.0 * (q[1] * q[3] - q[0] * q[2])
+    r[7] = 2.0 * (q[2] * q[3] + q[0] * q[1])
+    r[8] = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])

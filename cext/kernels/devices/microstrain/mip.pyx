@@ -5,7 +5,7 @@ A table made by the block (blocks.imus.microstrain.descriptors) defines the fiel
 has three parts: for the sets 80 (sensor), 82 (filter), and any other, of which only the shared fields are known.
 """
 
-from libc.math cimport NAN, asin, atan2, cos, isfinite, sin, sqrt
+from libc.math cimport NAN, asin, atan2, isfinite, sqrt
 from libc.stdint cimport int32_t
 from libc.string cimport memset
 
@@ -258,39 +258,6 @@ cdef void measure_rate(double *arena, const MicroStrain *at, State *state, int s
 
 
 # Attitude
-
-cdef void product(const double *a, const double *b, double *c) noexcept nogil:
-    """Compute c = a* b, the rotation from one attitude to the other."""
-    c[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    c[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
-    c[2] = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
-    c[3] = a[0] * b[3] - a[1] * b[2] + a[2] * b[1] - a[3] * b[0]
-
-
-cdef void from_angles(const double *euler, double *q) noexcept nogil:
-    cdef double cr = cos(0.5 * euler[0])
-    cdef double sr = sin(0.5 * euler[0])
-    cdef double cp = cos(0.5 * euler[1])
-    cdef double sp = sin(0.5 * euler[1])
-    cdef double cy = cos(0.5 * euler[2])
-    cdef double sy = sin(0.5 * euler[2])
-    q[0] = cr * cp * cy + sr * sp * sy
-    q[1] = sr * cp * cy - cr * sp * sy
-    q[2] = cr * sp * cy + sr * cp * sy
-    q[3] = cr * cp * sy - sr * sp * cy
-
-
-cdef void to_matrix(const double *q, double *r) noexcept nogil:
-    r[0] = 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3])
-    r[1] = 2.0 * (q[1] * q[2] - q[0] * q[3])
-    r[2] = 2.0 * (q[1] * q[3] + q[0] * q[2])
-    r[3] = 2.0 * (q[1] * q[2] + q[0] * q[3])
-    r[4] = 1.0 - 2.0 * (q[1] * q[1] + q[3] * q[3])
-    r[5] = 2.0 * (q[2] * q[3] - q[0] * q[1])
-    r[6] = 2.0 * (q[1] * q[3] - q[0] * q[2])
-    r[7] = 2.0 * (q[2] * q[3] + q[0] * q[1])
-    r[8] = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-
 
 cdef void to_angles(const double *r, double *euler) noexcept nogil:
     """Compute roll, pitch and yaw of a rotation matrix."""
