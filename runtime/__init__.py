@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of the working folder can shadow it
 import os
+from contextlib import suppress
 
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
@@ -21,6 +23,27 @@ else:
 
     def overload(function):
         return function
+
+
+class _WholeImports:
+    """Delays Ctrl-C until imports are complete: within one, an exception may become another, or leave half a module."""
+
+    def __enter__(self) -> None:
+        self.interrupted = self.delays = False
+        if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+            with suppress(ValueError):  # not the main thread, which alone gets signals
+                _signal.signal(_signal.SIGINT, self.note)
+                self.delays = True
+
+    def __exit__(self, *exception: object) -> None:
+        if self.delays:
+            _signal.signal(_signal.SIGINT, _signal.default_int_handler)
+        if self.interrupted:
+            raise KeyboardInterrupt
+
+    def note(self, number: int, frame: object) -> None:
+        """Note that a signal has come."""
+        self.interrupted = True
 
 
 @overload
@@ -44,7 +67,8 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
 
     Raises BadInput if there is no such recording.
     """
-    from runtime.analysis.trials import load
+    with _WholeImports():
+        from runtime.analysis.trials import load
 
     return load(path)
 
@@ -99,13 +123,16 @@ def run(
     DiagramError for errors before the run. In the main thread, Ctrl-C ends the run and raises KeyboardInterrupt; in
     another thread, the run continues to its end.
     """
-    from runtime.base.errors import BadInput
+    with _WholeImports():
+        from runtime.base.errors import BadInput
 
     if fast and rig is None:
-        from runtime.session.simulate import simulate
+        with _WholeImports():
+            from runtime.session.simulate import simulate
 
         if options:
-            from runtime.session.own_process import check_names
+            with _WholeImports():
+                from runtime.session.own_process import check_names
 
             check_names(options)
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
@@ -116,7 +143,8 @@ def run(
         )
     if plant_signals:
         raise BadInput("plant_signals: only a run in virtual time records signals of the plant")
-    from runtime.session import own_process
+    with _WholeImports():
+        from runtime.session import own_process
 
     return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
 
@@ -142,7 +170,8 @@ def simulate(
     Arguments, recorded signals and errors as of `run`. Any division into steps gives the signals of one `run`, bit for
     bit. Returns a runtime.session.simulate.SimulatedRun.
     """
-    from runtime.session.simulate import SimulatedRun
+    with _WholeImports():
+        from runtime.session.simulate import SimulatedRun
 
     return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
 
@@ -191,16 +220,19 @@ def connect(
     """
     if fast and rig is None:
         if options:
-            from runtime.base.errors import BadInput
-            from runtime.session.own_process import check_names
+            with _WholeImports():
+                from runtime.base.errors import BadInput
+                from runtime.session.own_process import check_names
 
             check_names(options)
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
-        from runtime.session.simulate import SimulatedRun
+        with _WholeImports():
+            from runtime.session.simulate import SimulatedRun
 
         return SimulatedRun(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
-    from runtime.session.connected import ConnectedRobot
-    from runtime.session.own_process import process_of
+    with _WholeImports():
+        from runtime.session.connected import ConnectedRobot
+        from runtime.session.own_process import process_of
 
     given = {"rig": rig, "duration": duration, "seed": seed, "rate": rate, **options}
     return ConnectedRobot(lambda: process_of(diagram, settings, **given), loop_timeout)
@@ -223,10 +255,11 @@ def check(
 
     Returns a runtime.report.check.Report, a dict. Raises BadInput if a file cannot be read.
     """
-    from graph import Diagram
-    from runtime.base.errors import BadInput
-    from runtime.report.check import Report
-    from runtime.session.check import check
+    with _WholeImports():
+        from graph import Diagram
+        from runtime.base.errors import BadInput
+        from runtime.report.check import Report
+        from runtime.session.check import check
 
     given: Any = settings
     pairs = list(given.items() if hasattr(given, "items") else given)
@@ -281,10 +314,11 @@ def study(
     The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
     values. Returns a runtime.studies.result.StudyResult. Raises BadInput.
     """
-    from pathlib import Path
+    with _WholeImports():
+        from pathlib import Path
 
-    from runtime.studies.description import Study
-    from runtime.studies.run import run
+        from runtime.studies.description import Study
+        from runtime.studies.run import run
 
     given = _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate)
     return run(Study(**given), None if output is None else Path(output), workers, dask)
@@ -337,10 +371,11 @@ def optimise(
     The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
     runtime.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the optimiser's package.
     """
-    from pathlib import Path
+    with _WholeImports():
+        from pathlib import Path
 
-    from runtime.optimisation.description import Optimisation
-    from runtime.optimisation.simulated import run
+        from runtime.optimisation.description import Optimisation
+        from runtime.optimisation.simulated import run
 
     description = Optimisation(
         **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate),

@@ -50,10 +50,14 @@ PROMPT = "Enter arms the robot, q ends the run: "
 NOT_OPTIONS = ("file", "fast", "settings", "no_record", "report")
 
 # The pseudo terminal becomes the controlling one. This program's packages are imported before any others of their name.
+# SIGINT is blocked until it no longer raises an exception, which could be anywhere in the start of the interpreter.
 BOOT = """
-import fcntl, sys, termios
+import fcntl, signal, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 sys.path[:1] = [sys.argv.pop(1)]
+from runtime.base import ending
+ending.leave_on_signals()
+signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 import cext, graph, blocks, runtime.__main__
 sys.path.append(sys.path.pop(0))
 runtime.__main__.main(None)
@@ -147,6 +151,7 @@ class RunProcess:
         self.descriptors += [self.terminal, self.answers]
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
         environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # of the notebook
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             self.child = subprocess.Popen(
                 [sys.executable, "-c", BOOT, ROOT, "run", f"--report={reports}", *arguments],
@@ -158,6 +163,7 @@ class RunProcess:
                 env={**environment, "TERM": "xterm", "NO_COLOR": "1"},
             )
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             os.close(theirs)
             os.close(reports)
         self.ended = os.pidfd_open(self.child.pid)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -219,3 +220,29 @@ def test_a_process_that_does_not_end_is_killed_at_the_third_interrupt(folder, mo
     threading.Thread(target=strike).start()
     with pytest.raises(KeyboardInterrupt):
         runtime.run(robot, 1, fast=False)
+
+
+CAUGHT = """
+import runtime, sys
+try:
+    print("begun", flush=True)
+    runtime.run(sys.argv[1], 5.0, fast=False)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@paced
+@pytest.mark.parametrize("after", [0.02 * step for step in range(1, 16)])
+def test_ctrl_c_while_the_run_is_imported_and_started_prints_no_traceback(tmp_path, after):
+    """In the script, and in the process of the run, which gets the signal from it."""
+    robot = knee(tmp_path)
+    script = subprocess.Popen(
+        [sys.executable, "-c", CAUGHT, robot],
+        cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    assert script.stdout.readline() == "begun\n"
+    time.sleep(after)
+    script.send_signal(signal.SIGINT)
+    printed = script.communicate(timeout=20)[0]
+    assert "Traceback" not in printed and printed.endswith("interrupted\n")
