@@ -95,6 +95,7 @@ class Insole(StreamDevice):
     age = Output("s", "time since the newest frame")
     received = Output("1", "number of frames", dtype=int)
     lost = Output("1", "number of missing frames, according to their numbers", dtype=int)
+    late = Output("1", "number of frames that came after a newer one, or twice; they give no value", dtype=int)
     corrupt = Output("1", "number of frames with a wrong checksum or size", dtype=int)
     dead = Output("1", "number of missing or broken cells", dtype=int)
     sample_time = Output(
@@ -103,8 +104,9 @@ class Insole(StreamDevice):
     clock_drift = Output("1", "relative slowness of the sender's clock")
     plan = Memory((), "rows, columns, side, length, breadth, least force, 1 if each read is a datagram, 1 with a clock")
     bounds = Memory((), "first row of each region")
-    parsed = Memory(
-        (0.0, -1.0, 0.0), "bytes of the partial frame, number of the next frame, 1 if a frame ended before it"
+    parsed = Memory((0.0, 0.0), "bytes of the partial frame, 1 if a frame ended before it")
+    sequence = Memory(
+        (-1.0, 0.0, 0.0), "number of the next frame, frames in a row that were not ahead, arrival of the newest in s"
     )
     buffer = Memory((), "bytes of the partial frame")
     mapped = Memory((0.0,) * kernels.clock_doubles, "map of the sender's clock")
@@ -142,6 +144,7 @@ class Insole(StreamDevice):
             "age": Interval(0.0),
             "received": Interval(0.0),
             "lost": Interval(0.0),
+            "late": Interval(0.0),
             "corrupt": Interval(0.0),
             "dead": Interval(0.0, cells),
         }

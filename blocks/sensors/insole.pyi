@@ -32,6 +32,7 @@ class Insole(StreamDevice):
     age: Output
     received: Output
     lost: Output
+    late: Output
     corrupt: Output
     dead: Output
     sample_time: Output
@@ -39,6 +40,7 @@ class Insole(StreamDevice):
     plan: Memory
     bounds: Memory
     parsed: Memory
+    sequence: Memory
     buffer: Memory
     mapped: Memory
     def __init__(

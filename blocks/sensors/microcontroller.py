@@ -83,15 +83,16 @@ class Microcontroller(StreamDevice):
     age = Output("s", "time since the newest packet")
     received = Output("1", "number of packets", dtype=int)
     lost = Output("1", "number of missing packets, according to the counter", dtype=int)
+    late = Output("1", "number of packets that came after a newer one, or twice; they give no value", dtype=int)
     corrupt = Output("1", "number of packets with a wrong checksum or length, or an invalid number", dtype=int)
     sample_time = Output(
         "s", "creation time of the newest packet on the clock of the run; its arrival without a device clock"
     )
     clock_drift = Output("1", "relative slowness of the device clock")
     plan = Memory((), "1 for text lines, 1 with a counter, bytes of the fields, then type and scale of each field")
-    parsed = Memory(
-        (0.0, 0.0, 0.0, -1.0),
-        "bytes of the partial packet, 1 if its start was received, 1 if it is too long, next counter",
+    parsed = Memory((0.0, 0.0, 0.0), "bytes of the partial packet, 1 if its start was received, 1 if it is too long")
+    sequence = Memory(
+        (-1.0, 0.0, 0.0), "next counter, packets in a row that were not ahead, arrival of the newest in s"
     )
     buffer = Memory((), "bytes of the partial packet")
     clock_plan = Memory((-1.0, 0.0, 0.0), "index of the device clock, s per count, wrap period in s")
@@ -137,7 +138,7 @@ class Microcontroller(StreamDevice):
     def output_range(self) -> dict[str, Interval]:
         # a number in a text line can exceed the type of its field
         bounded = {each.name: each.range for each in self.declared if self.format == "cobs"}
-        return {name: Interval(0.0) for name in ("age", "received", "lost", "corrupt")} | {
+        return {name: Interval(0.0) for name in ("age", "received", "lost", "late", "corrupt")} | {
             name: span for name, span in bounded.items() if span is not None
         }
 

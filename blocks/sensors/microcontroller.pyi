@@ -28,11 +28,13 @@ class Microcontroller(StreamDevice):
     age: Output
     received: Output
     lost: Output
+    late: Output
     corrupt: Output
     sample_time: Output
     clock_drift: Output
     plan: Memory
     parsed: Memory
+    sequence: Memory
     buffer: Memory
     clock_plan: Memory
     mapped: Memory

@@ -20,6 +20,7 @@ from cext.abi cimport (
 )
 from cext.kernels.devices.clock_map cimport DeviceClock, sampled
 from cext.kernels.devices.cobs cimport checksum
+from cext.kernels.devices.sequence cimport missing_before
 from cext.kernels.bernoulli cimport lucky
 from cext.kernels.limits cimport clip
 from cext.ring.newest_ring cimport GAP, START
@@ -30,7 +31,6 @@ cdef enum: # in `plan`
 
 cdef enum: # in `parsed`
     FILLED
-    NEXT                        # number of the next frame, -1: any
     WHOLE                       # whether a frame ended directly before this one
 
 cdef enum:
@@ -75,14 +75,15 @@ cdef void look_on(double *state, uint8_t *data) noexcept nogil:
 
 
 cdef struct Insole:
-    int32_t force, centre, regions, received, lost, corrupt, dead, sample_time, clock_drift
+    int32_t force, centre, regions, received, lost, late, corrupt, dead, sample_time, clock_drift
     int32_t plan                # the enum above
     int32_t bounds              # rows at which regions begin, the first 0
     int32_t parsed              # the enum above
+    int32_t sequence            # see cext/kernels/devices/sequence.pxd
     int32_t buffer              # bytes of the frame that is being received
     int32_t mapped              # a DeviceClock
 
-INSOLE = items((<Insole *>ITEMS)[0], "centre[2] regions[...] plan[8] bounds[...] parsed[3] buffer[...] mapped[46]")
+INSOLE = items((<Insole *>ITEMS)[0], "centre[2] regions[...] plan[8] bounds[...] parsed[2] sequence[3] buffer[...] mapped[46]")
 
 
 cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const double *plan,
@@ -122,11 +123,11 @@ cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const dou
     arena[at.dead] = dead
 
 
-cdef int whole_frame(double *arena, const Insole *at, const Insole *sizes, const double *plan, double *state,
-                     const uint8_t *data, double came) noexcept nogil:
-    """Return TAKEN, NOTED for a frame of the other foot, or MALFORMED."""
+cdef int whole_frame(double *arena, const Insole *at, const Insole *sizes, const double *plan, const uint8_t *data,
+                     double came) noexcept nogil:
+    """Return TAKEN, NOTED for a frame of the other foot and for one that is late, or MALFORMED."""
     cdef int size = bytes_of(plan)
-    cdef uint32_t number = u16(data + 6)
+    cdef int missing
     cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
     if checksum(data, size - 2) != u16(data + size - 2):
         return MALFORMED
@@ -134,15 +135,17 @@ cdef int whole_frame(double *arena, const Insole *at, const Insole *sizes, const
         return MALFORMED
     if data[5] != <int>plan[SIDE]:
         return NOTED
+    missing = missing_before(arena + at.sequence, u16(data + 6), 0xFFFF, came)
+    if missing < 0:
+        arena[at.late] += 1.0
+        return NOTED
+    arena[at.lost] += missing
     sum_up(arena, at, sizes, plan, data + HEADER)
     if plan[CLOCKED] != 0.0:
         came = sampled(clock, 1e-6 * (u16(data + 12) | u16(data + 14) << 16), ROUND, came)
         arena[at.clock_drift] = clock.map.slope
     arena[at.sample_time] = came
     arena[at.received] += 1.0
-    if state[NEXT] >= 0.0:
-        arena[at.lost] += <double>((number - <uint32_t>state[NEXT]) & 0xFFFF)
-    state[NEXT] = <double>((number + 1) & 0xFFFF)
     return TAKEN
 
 
@@ -173,7 +176,7 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
             look_on(state, data)
         if state[FILLED] < size:
             continue
-        answer = whole_frame(arena, at, sizes, plan, state, data, frame.time * 1e-9)
+        answer = whole_frame(arena, at, sizes, plan, data, frame.time * 1e-9)
         if answer == MALFORMED:
             if state[WHOLE] != 0.0:
                 arena[at.corrupt] += 1.0

@@ -9,7 +9,7 @@ is skipped: without its first digits a number is wrong, and no checksum reveals 
 """
 
 from libc.math cimport fmod, isfinite
-from libc.stdint cimport int32_t, uint8_t, uint64_t
+from libc.stdint cimport int32_t, uint8_t, uint32_t, uint64_t
 from libc.stdio cimport snprintf
 from libc.string cimport memcpy, memset
 
@@ -20,6 +20,7 @@ from cext.abi cimport (
 from cext.kernels.devices.clock_map cimport DeviceClock, sampled
 from cext.kernels.devices.cobs cimport checksum, stuff, unstuff
 from cext.kernels.devices.fields_of_bytes cimport number, put_number, size_of
+from cext.kernels.devices.sequence cimport missing_before
 from cext.kernels.bernoulli cimport lucky
 from cext.ring.newest_ring cimport GAP
 from cext.lines.stream_frames cimport BYTES
@@ -48,7 +49,6 @@ cdef enum: # in `parsed`
     FILLED                      # bytes in `buffer`
     WHOLE                       # whether it was received from its beginning
     TOO_LONG
-    NEXT                        # expected counter, -1: any
 
 cdef enum: # in `state`
     NUMBER                      # counter of the next packet
@@ -63,16 +63,17 @@ cdef enum:
 
 
 cdef struct Driver:
-    int32_t age, received, lost, corrupt, sample_time, clock_drift
+    int32_t age, received, lost, late, corrupt, sample_time, clock_drift
     int32_t plan                # the enum above
     int32_t parsed              # the enum above
+    int32_t sequence            # see cext/kernels/devices/sequence.pxd
     int32_t buffer              # bytes of the packet that is being received
     # index of the device's clock among the numbers, -1: none; s per count; s until it wraps, 0: never
     int32_t clock_plan
     int32_t mapped              # a DeviceClock
     Rest outputs                # fields, in the order of `plan`
 
-DRIVER = items((<Driver *>ITEMS)[0], "plan[...] parsed[4] buffer[...] clock_plan[3] mapped[46]")
+DRIVER = items((<Driver *>ITEMS)[0], "plan[...] parsed[3] sequence[3] buffer[...] clock_plan[3] mapped[46]")
 
 
 cdef inline int fields(int plan_size) noexcept nogil:
@@ -92,24 +93,25 @@ cdef void put(double *arena, const Driver *at, const Driver *sizes, const double
             offset += 1
 
 
-cdef void count(double *arena, const Driver *at, double *state, double counter) noexcept nogil:
-    """Count a packet, and those missing before it by the counter."""
-    arena[at.received] += 1.0
-    if counter < 0.0:
-        return
-    if state[NEXT] >= 0.0:
-        arena[at.lost] += <double>((<int>counter - <int>state[NEXT]) & 0xFF)
-    state[NEXT] = <double>((<int>counter + 1) & 0xFF)
+cdef bint is_ahead(double *arena, const Driver *at, uint32_t counter, double came) noexcept nogil:
+    """Count the packets that are missing before one, by its counter. Returns False if it is late or repeated."""
+    cdef int missing = 0
+    if (arena + at.plan)[COUNTED] != 0.0:
+        missing = missing_before(arena + at.sequence, counter, 0xFF, came)
+    arena[at.late] += missing < 0
+    arena[at.lost] += max(missing, 0)
+    return missing >= 0
 
 
-cdef void note_time(double *arena, const Driver *at, const double *values, double came) noexcept nogil:
-    """Return the sampling time of a packet by its own clock, else its arrival. came : s, arrival"""
+cdef void note_packet(double *arena, const Driver *at, const double *values, double came) noexcept nogil:
+    """Count a packet, and set its sampling time by its own clock, else its arrival. came : s, arrival"""
     cdef const double *plan = arena + at.clock_plan
     cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
     if plan[0] >= 0.0:
         came = sampled(clock, values[<int>plan[0]] * plan[1], plan[2], came)
         arena[at.clock_drift] = clock.map.slope
     arena[at.sample_time] = came
+    arena[at.received] += 1.0
 
 
 cdef int packet(double *arena, const Driver *at, const Driver *sizes, double *state, const double *plan, uint8_t *data,
@@ -130,9 +132,10 @@ cdef int packet(double *arena, const Driver *at, const Driver *sizes, double *st
             values[values_count] = number(data + offset, kind)
             values_count += 1
             offset += size_of(kind)
+    if not is_ahead(arena, at, data[0], came):
+        return NOTED
     put(arena, at, sizes, plan, values)
-    note_time(arena, at, values, came)
-    count(arena, at, state, data[0] if counted else -1.0)
+    note_packet(arena, at, values, came)
     return TAKEN
 
 
@@ -167,9 +170,10 @@ cdef int line(double *arena, const Driver *at, const Driver *sizes, double *stat
         return MALFORMED
     if counted and not 0.0 <= values[0] < 4294967296.0:
         return MALFORMED
+    if not is_ahead(arena, at, <uint32_t>values[0] if counted else 0, came):
+        return NOTED
     put(arena, at, sizes, plan, values + counted)
-    note_time(arena, at, values + counted, came)
-    count(arena, at, state, <double>(<uint64_t>values[0] & 0xFF) if counted else -1.0)
+    note_packet(arena, at, values + counted, came)
     return TAKEN
 
 

@@ -64,8 +64,8 @@ def insole():
     return insole
 
 
-def hear(wired, data, cut=64):
-    return [wired.hear(BYTES, data[at : at + cut]) for at in range(0, len(data), cut)]
+def hear(wired, data, cut=64, time=0):
+    return [wired.hear(BYTES, data[at : at + cut], time=time) for at in range(0, len(data), cut)]
 
 
 def counts(wired):
@@ -97,6 +97,31 @@ def test_centre_of_pressure_has_x_forward_and_y_left(insole):
         assert wired["centre"] == pytest.approx(centre, abs=1e-12)
     hear(wired, frame(40, np.zeros((ROWS, COLUMNS))))
     assert np.isnan(wired["centre"]).all() and wired["force"] == 0.0
+
+
+def test_late_and_repeated_frames_give_no_value_and_count_separately(insole):
+    """As over Wi-Fi: every tenth frame comes 8 frames later, every seventh twice, across the wrap of the numbers."""
+    wired, forces = insole(), []
+    arrivals = sorted((step + (8 if step % 10 == 9 else 0), step) for step in range(400))
+    arrivals += [(place, step) for place, step in arrivals if step % 7 == 6]
+    for place, step in sorted(arrivals):
+        data = frame((65300 + step) % 65536, np.full((ROWS, COLUMNS), 1000.0 + 10.0 * step))
+        taken = TAKEN in hear(wired, data, time=int(1e7 * place))
+        forces.append(wired["force"])
+        assert taken == (forces[-1] > max(forces[:-1], default=0.0))
+    assert counts(wired) == (361, 39, 0) and wired["late"] == len(arrivals) - 361
+
+
+def test_a_sender_that_restarts_begins_a_new_sequence(insole):
+    """From a number far behind at once, and from a nearer one after a silence; without one, after eight frames."""
+    wired, pressures, now = insole(), random_pressures(3), 0.0
+    for first, silence, ignored in ((5000, 0.0, 0), (0, 0.0, 0), (2, 0.3, 0), (2, 0.0, 7)):
+        now += silence
+        before = wired["received"]
+        for number in range(first, first + 30):
+            now += 0.01
+            hear(wired, frame(number, pressures), time=int(1e9 * now))
+        assert wired["received"] - before == 30 - ignored and wired["lost"] == 0.0
 
 
 def test_missing_corrupt_and_foreign_insole_frames_are_counted(insole):
