@@ -448,7 +448,8 @@ def _in_words(verdict):
         verdict["confirmed"]
     )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
-    done += ["its frames go on at a falling rate"] * bool(verdict["unconfirmed"])
+    can_end = "; Ctrl-C ends them" if verdict["because"] == "unconfirmed" and sys.stderr.isatty() else ""
+    done += [f"its frames go on at a falling rate{can_end}"] * bool(verdict["unconfirmed"])
     if verdict.get("again"):
         why += "; a send that had begun before followed, and the stop is repeated"
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"

@@ -189,7 +189,7 @@ def _stop_text(outcome: Outcome, schedule: Schedule) -> str:
         return "zero torque, then disable: not needed, as no device moves"
     late = dict(outcome.late)
     at_once = [name for name in stopped if name not in outcome.unconfirmed and name not in late]
-    parts = [f"NOT confirmed by {', '.join(outcome.unconfirmed)}: cut their power"] * bool(outcome.unconfirmed)
+    parts = [f"NOT confirmed by {', '.join(outcome.unconfirmed)}: cut the power"] * bool(outcome.unconfirmed)
     parts += [f"confirmed by {', '.join(at_once)}"] * bool(at_once and not outcome.unconfirmed)
     parts += [f"confirmed by {name} only after {seconds:.2f} s" for name, seconds in late.items()]
     return f"zero torque, then disable: {'; '.join(parts)}"

@@ -1,32 +1,209 @@
 """Constants that pages print are those of the code."""
 
+import math
 import re
 
 import pytest
 
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride
+from blocks.actuators.cubemars import servo
+from blocks.imus import MPU9250, OpenImu
+from blocks.networks import OnnxModel
+from blocks.safety import EStopHeartbeat
 from blocks.sinks import PlotJuggler, Rerun
+from cext.safety import thresholds
 from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from graph.conformance import check_block
 from graph.declarations import RAMP_TIME
 from runtime.base import errors
+from runtime.cli import optimise
+from runtime.commissioning.calibration import fits, stillness
+from runtime.emulation import priority
+from runtime.guardian import wires
+from runtime.machine import realtime
+from runtime.optimisation import costs, description, metabolic, protocol
+from runtime.recorder import process, status, writer
+from runtime.recorder.services import rerun
+from runtime.recording import files, mcap_file
+from runtime.session import own_process
 from tests.checkout import ROOT
+from tests.docs.block_pages import homes
+from tests.docs.pages import NAMES
 
-PORT = PlotJuggler.parameters["port"].default
+PYPROJECT = (ROOT / "pyproject.toml").read_text()
+
+
+def safe(name, factor=1e9):
+    """Return a safety threshold: a time in s, or another value with its factor."""
+    return getattr(thresholds, name) / factor
+
+
+def default(block, parameter):
+    return block.parameters[parameter].default
+
+
+def native(path, name):
+    """Return a constant of a Cython module."""
+    return float(re.search(rf"\b{name} = (\d+)", (ROOT / "cext" / path).read_text())[1])
+
+
+PORT = default(PlotJuggler, "port")
+MS = 1e3
+STALL = safe("LOOP_STALL_MINIMUM") * MS
+RETRY, CHECK = (native("lines/i2c.pyx", name) / 1e6 for name in ("RETRY", "CHECK"))  # ms
 PRINTED = [  # page, pattern whose groups are numbers, and their values
+    ("coming_from/epically_powerful", r"silence of ([\d.]+) s ends the run", default(CubeMars, "timeout")),
+    ("coming_from/epically_powerful", r"\| (\d+), the default of PlotJuggler", PORT),
+    ("coming_from/epically_powerful", r"AK70-10 \| [\d.]+ N·m \| ([\d.]+) N·m", CubeMars("AK70-10").torque_limit),
+    (
+        "explanation/realtime",
+        r"priority (\d+) \(`--priority`, (\d+) at most\)",
+        (realtime.PRIORITY, realtime.PRIORITY_LIMIT),
+    ),
+    ("explanation/realtime", r"(\d+) KiB of stack", realtime.STACK / 1024),
+    ("explanation/realtime", r"scheduling slice of ([\d.]+) ms", realtime.SLICE / 1e6),
+    ("explanation/speed", r"pieces of\s(\d+) KiB", files.AT_ONCE / 1024),
+    ("explanation/tour", r"not after (\d+) ms is reported", safe("STOP_LIMIT") * MS),
+    ("how_to/optimisation", r"`--settle (\d+)`, `--measure (\d+)`", (optimise.SETTLE, optimise.MEASURE)),
+    ("how_to/optimisation", r": (\d+) s to settle, then (\d+) s of", (optimise.SETTLE, optimise.MEASURE)),
+    ("how_to/optimisation", r"`--generations (\d+)`", optimise.GENERATIONS),
+    ("how_to/optimisation", r"default: (\d+) generations of", description.Optimisation.generations),
+    ("how_to/optimisation", r"several steps, (\d+) s apart", protocol.STAGE_TIME),
+    ("how_to/optimisation", r"fewer than (\d+) breaths", costs.CART_SAMPLES),
+    ("how_to/optimisation", r"response lags by (\d+) s", metabolic.TIME_CONSTANT),
+    ("how_to/optimisation", r"--time-constant (\d+)`", metabolic.TIME_CONSTANT),
+    ("how_to/notebooks", r"the (third) time the process is killed", own_process.KILLING_INTERRUPT),
     ("how_to/plotjuggler", r"Enter port (\d+)", PORT),
     ("how_to/plotjuggler", r"address that the block sends to, port (\d+)", PORT),
     ("how_to/plotjuggler", r"`\[::1\]:(\d+)`", PORT),
-    ("how_to/rerun", r"listens on port (\d+)", Rerun.parameters["port"].default),
+    ("how_to/plotjuggler", r"reads new samples every (\d+) ms", writer.POLL_PERIOD),
+    ("how_to/rerun", r"listens on port (\d+)", default(Rerun, "port")),
+    ("how_to/rerun", r"buffers\sup to (\d+) MB", rerun.QUEUE_LIMIT / 2**20),
+    ("how_to/start_at_boot", r"`hold button.on for (\d+) s to arm`", safe("ARM_HOLD")),
+    ("how_to/start_at_boot", r"holds the button for (\d+) s", safe("ARM_HOLD")),
     ("how_to/tuning", r"settings of one command, up to (\d+),", CHANGE_LIMIT),
+    ("reference/actuators", r"its age and two rounds of (\d+) ms", safe("STOP_DAMP_ROUND") * MS),
+    ("reference/actuators", r"`max_acceleration` of the joint \((\d+) rad/s²", default(CubeMars, "max_acceleration")),
+    ("reference/actuators", r"guardian's stop, (\d+) ms at", STALL + safe("GUARDIAN_LOOK_PERIOD") * MS),
+    ("reference/actuators", r"board reports at 1 to (\d+) Hz", CubeMarsV3.parameters["report_rate"].max),
+    ("reference/actuators", r"current of `limit`, at most (\d+) A", servo.CURRENT),
+    ("reference/actuators", r"`velocity_limit`; ([\d ]+) electrical", servo.SPEED),
+    ("reference/actuators", r"\| ± (\d+)° of the motor, the range", math.degrees(servo.POSITION)),
+    ("reference/actuators", r"`duty_limit`, ([\d.]+)", default(CubeMarsServo, "duty_limit")),
+    ("reference/actuators", r"current of at most ([\d.]+) % of the rated", safe("STOP_REST_TORQUE", 10)),
+    ("reference/actuators", r"the current must stay there for (\d+) ms", safe("STOP_REST") * MS),
+    ("reference/actuators", r"is reported after (\d+) ms", safe("STOP_LIMIT") * MS),
+    ("reference/actuators", r"Arming writes `can_timeout`,\s([\d.]+) s", default(RobStride, "can_timeout")),
+    ("reference/actuators", r"at rest for ([\d.]+) s, before the table", safe("ZERO_REST")),
+    ("reference/actuators", r"stayed within ([\d.]+) rad for ([\d.]+) s", (safe("ZERO_BAND", 1000), safe("ZERO_REST"))),
+    ("reference/actuators", r"then fade in over ([\d.]+) s", safe("FADE_IN")),
+    ("reference/actuators", r"position within ([\d.]+) rad of zero", safe("ZERO_BAND", 1000)),
+    ("reference/actuators", r"Silence of up to (\d+) s", safe("ZERO_LIMIT")),
+    ("reference/actuators", r"at most (-\d+) °C, which", safe("TEMPERATURE_MINIMUM", 1)),
+    ("reference/actuators", r"any span of replies up to (\d+) ms", safe("ACCELERATION_WINDOW") * MS),
+    ("reference/actuators", r"they return over (\d+) ms", safe("ACCELERATION_GAINS_RETURN") * MS),
+    ("reference/actuators", r"More than (\d+) ms of such acceleration", safe("ACCELERATION_FAULT") * MS),
+    ("reference/actuators", r"allowed for, up to ([\d.]+) rad/s", safe("ACCELERATION_NOISE_LIMIT", 1000)),
+    (
+        "reference/actuators",
+        r"`limit` plus (\d+) % of the peak torque, for (\d+) ms",
+        (safe("TORQUE_ACCURACY", 1), safe("EXCESS_TORQUE") * MS),
+    ),
+    ("reference/actuators", r"is more than ([\d.]+) rad outside its `range`", safe("TRAVEL_MARGIN", 1000)),
+    ("reference/actuators", r"faster than `max_velocity` in (three) replies", safe("OVERSPEED_REPLIES", 1)),
+    ("reference/actuators", r"is less than (\d+) % of the law", safe("FOLLOWING_MEASURED", 1)),
+    (
+        "reference/actuators",
+        r"more than (\d+) % of the rated torque for (\d+) ms",
+        (safe("UNCOMMANDED_TORQUE_LIMIT", 1), safe("UNCOMMANDED_TORQUE_TIME") * MS),
+    ),
+    ("reference/actuators", r"over (\d+) s of\smotion the reported", safe("SCALE_TIME")),
+    ("reference/actuators", r"`max_transit`, (\d+) ms", default(CubeMars, "max_transit") * MS),
+    (
+        "reference/actuators",
+        r"`restart_time`, (\d+) ms, and of (two) periods",
+        (default(CubeMarsV3, "restart_time") * MS, safe("RESTART_PERIODS", 1)),
+    ),
+    ("reference/actuators", r"is detected from (\d+) % on", safe("SCALE_TOLERANCE_WIRE_TORQUE", 1)),
+    ("reference/networks", r"`inference_time`, (\d+) ms", default(OnnxModel, "inference_time") * MS),
+    ("reference/networks", r"`stale` \(([\d.]+) s\)", default(OnnxModel, "stale")),
+    ("reference/rate", r"real-time priority of (\d+), below", priority.PRIORITY),
+    ("reference/recordings", r"chunks of about (\d+) MiB", mcap_file.CHUNK / 2**20),
+    ("reference/recordings", r"flushes every ([\d.]+) s", writer.FLUSH_PERIOD),
+    ("reference/recordings", r"every process is killed \| ([\d.]+) s", writer.FLUSH_PERIOD + writer.POLL_PERIOD / 1e3),
+    (
+        "reference/recordings",
+        r"s, which are (\d+) ticks at 200 Hz",
+        (writer.FLUSH_PERIOD + writer.POLL_PERIOD / 1e3) * 200,
+    ),
+    ("reference/rigs", r"five periods and\s+at least (\d+) ms", STALL),
+    ("reference/rigs", r"detects a stalled run \((\d+) ms or (\d+) periods\)", (STALL, safe("LOOP_STALL_PERIODS", 1))),
+    ("reference/rigs", r"silent for (\d+) ms, the run ends as a fault", safe("GUARDIAN_SILENCE") * MS),
+    ("reference/rigs", r"The silence is (\d+) ms for a guardian", safe("GUARDIAN_SILENCE_REALTIME") * MS),
+    ("reference/rigs", r"`warning_temperature` \((\d+) °C\)", default(CubeMars, "warning_temperature")),
+    ("reference/rigs", r"torque of more than (\d+) % of\sthe rated", safe("UNCOMMANDED_TORQUE_LIMIT", 1)),
+    ("reference/rigs", r"has been true for (\d+) s, after it was", safe("ARM_HOLD")),
+    ("reference/rigs", r"all pending frames, (\d+) at most", wires.FRAMES_AT_ONCE),
+    ("reference/rigs", r"is counted; after (ten) ticks in a row", safe("TX_QUEUE_FULL_LIMIT", 1)),
+    ("reference/rigs", r"is at most ([\d.]+) % of the rated torque, plus", safe("STOP_REST_TORQUE", 10)),
+    ("reference/rigs", r"as long as the replies need, at most (\d+) ms", safe("STOP_LISTEN_LIMIT") * MS),
+    ("reference/rigs", r"not confirmed after (\d+) ms", safe("STOP_LIMIT") * MS),
+    ("reference/rigs", r"first every (\d+) ms and then", safe("STOP_ROUND") * MS),
+    ("reference/rigs", r"rate, down to (five) times a second", 1 / safe("STOP_ROUND_MAXIMUM")),
+    ("reference/rigs", r"without a terminal after (\d+) s", safe("STOP_UNATTENDED", 1)),
+    ("reference/rigs", r"continues for at most (\d+) s", safe("STOP_ORPHANED", 1)),
+    ("reference/rigs", r"\| (three) periods, at least (\d+) ms", (safe("HANG_PERIODS", 1), safe("HANG_MINIMUM") * MS)),
+    ("reference/rigs", r"\| (five) periods, at least (\d+) ms", (safe("LOOP_STALL_PERIODS", 1), STALL)),
+    ("reference/rigs", r"standard id (0x[\dA-F]+) \(`can_id`\)", default(EStopHeartbeat, "can_id")),
+    ("reference/rigs", r"Silence for `timeout` \(([\d.]+) s by default\)", default(EStopHeartbeat, "timeout")),
+    ("reference/rigs", r"commands that fade in over ([\d.]+) s \|", safe("FADE_IN")),
+    ("reference/running", r"at most (three) times\sand never twice", process.RESTART_LIMIT),
+    ("reference/running", r"the first (\d+) ms of the safe stop", safe("STOP_LIMIT") * MS),
+    ("reference/running", r"status line is updated (ten) times per second", 1 / status.REFRESH_PERIOD),
+    ("reference/running", r"`stop_time` seconds \(at most (\d+)\)", CubeMars.parameters["stop_time"].max),
     ("reference/sensors", r"--plotjuggler 127.0.0.1:(\d+)", PORT),
+    ("reference/sensors", r"source address \((\d+) by default\)", default(OpenImu, "address")),
+    ("reference/sensors", r"arrive at up to (\d+) Hz", max(OpenImu.parameters["rate"].choices)),
+    ("reference/sensors", r"delivered with (\d+) kbit/s", default(OpenImu, "bitrate") / 1e3),
+    ("reference/sensors", r"lost, and retried every (\d+) ms", RETRY),
+    ("reference/sensors", r"After (three) failures in a row it is lost", native("lines/i2c.pyx", "FAILURE_LIMIT")),
+    ("reference/sensors", r"(Ten) times per second, an IMU's settings", 1e3 / CHECK),
+    ("reference/sensors", r"`timeout` \(([\d.]+) s for an IMU\)", default(MPU9250, "timeout")),
+    ("reference/sensors", r"at rest, (\d+) s at least", fits.MIN_REST_TIME),
+    ("reference/sensors", r"up and down within (\d+)°", math.degrees(math.acos(stillness.FACE_COSINE))),
+    ("reference/sensors", r"gravity is ([\d.]+) m/s² in all", fits.G),
+    ("reference/sensors", r"from (twelve) positions on a symmetric", fits.SYMMETRIC_FIT_POSITIONS),
     ("reference/tools", r"--plotjuggler 127.0.0.1:(\d+)", PORT),
+    ("reference/versions", r"CPython (3\.\d+) to", float(re.search(r'requires-python = ">=([\d.]+)"', PYPROJECT)[1])),
+    ("tutorial/4_rig", r"timeout \(([\d.]+) s\)", default(CubeMars, "timeout")),
 ]
+WORDS = {"two": 2, "three": 3, "third": 3, "five": 5, "ten": 10, "twelve": 12}
+NAMED = re.compile(r"`(\w+)`,? \(?(-?\d[\d.]*) (ms|s|%|Hz|rad/s²|rad/s|rad|°C|N·m)(?![\w/·²])")
+FACTORS = {"ms": 1e-3, "%": 1e-2}
+
+
+def number(text):
+    text = text.replace(" ", "").replace("−", "-").lower()
+    return float(WORDS.get(text) or (int(text, 16) if text.startswith("0x") else text))
 
 
 @pytest.mark.parametrize("page, pattern, value", PRINTED)
 def test_a_printed_number_is_that_of_the_code(page, pattern, value):
     found = re.findall(pattern, (ROOT / "docs" / f"{page}.md").read_text())
-    assert found and all(float(number) == value for number in found)
+    values = value if isinstance(value, tuple) else (value,)
+    assert found
+    for numbers in found:
+        printed = [number(text) for text in (numbers if isinstance(numbers, tuple) else (numbers,))]
+        assert printed == pytest.approx([float(each) for each in values], rel=1e-9), pattern
+
+
+@pytest.mark.parametrize("page", NAMES)
+def test_a_number_behind_the_name_of_a_parameter_is_its_default(page):
+    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(), flags=re.DOTALL | re.MULTILINE)
+    for name, value, unit in NAMED.findall(text):
+        defaults = [kind.parameters[name].default for kind in homes() if name in kind.parameters]
+        printed = float(value) * FACTORS.get(unit, 1.0)
+        assert not defaults or any(own == pytest.approx(printed) for own in defaults), (name, value, unit)
 
 
 @pytest.mark.parametrize("page", ["how_to/blocks", "how_to/tuning"])

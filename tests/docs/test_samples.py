@@ -2,11 +2,12 @@
 
 The samples of a page run in their order and share their names, in an empty folder with the folders of the clone beside
 them: `diagrams/knee_exo.py` exists. A sample that needs hardware, a compiler, a second process or a terminal has the
-word `notest` behind `python` on its fence; another test runs it.
+word `notest` behind `python` on its fence; test_special_samples.py names the test that runs it.
 
 A fragment may use names of a diagram that the page does not show: SETUP defines them.
 """
 
+import ast
 import os
 import re
 from contextlib import nullcontext
@@ -16,6 +17,7 @@ import pytest
 from graph import Diagram
 from runtime.rig import read
 from tests.checkout import ROOT
+from tests.docs.block_pages import homes
 from tests.docs.pages import NAMES
 
 RIG = re.compile(r"^```toml\n(\[(?:bus\.|device\.|battery).*?)^```", re.DOTALL | re.MULTILINE)
@@ -60,6 +62,7 @@ SETUP = {
     + "from blocks.limiters import Saturation\nfrom blocks.mathematics import Gain\n"
     + "angle, velocity, mass = Sine(unit='rad')(), Sine(unit='rad/s')(), 70.0\n",
 }
+OF_EVERY_BLOCK = ("name", "every", "hold_exceptions")
 PAGES = [name for name in NAMES if SAMPLE.search((ROOT / name).read_text()) and not name.startswith(ELSEWHERE)]
 
 
@@ -83,6 +86,23 @@ def test_samples_run(page, tmp_path, monkeypatch):
             exec(compile(file.read_text(), str(file), "exec"), names)
     if {"robot", "plant"} <= names.keys():
         names["plant"](names["robot"])
+
+
+@pytest.mark.parametrize("page", [name for name in NAMES if not name.endswith("CHANGELOG.md")])
+def test_blocks_in_the_text_have_the_parameters_and_choices_that_it_shows(page):
+    blocks = {kind.__name__: kind for kind in homes()}
+    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(), flags=re.DOTALL | re.MULTILINE)
+    for code in re.findall(r"`([^`]+)`|^    (\S.*)", text, re.MULTILINE):
+        try:
+            tree = ast.parse("".join(code).strip(), mode="eval")
+        except SyntaxError:
+            continue
+        for call in [node for node in ast.walk(tree) if isinstance(node, ast.Call)]:
+            kind = blocks.get(getattr(call.func, "id", ""))
+            for word in call.keywords if kind else ():
+                assert word.arg in {*kind.parameters, *kind.inputs, *OF_EVERY_BLOCK}, ast.unparse(call)
+                choices = kind.parameters[word.arg].choices if word.arg in kind.parameters else None
+                assert not choices or ast.literal_eval(word.value) in choices, ast.unparse(call)
 
 
 def test_rig_files_are_read(tmp_path):

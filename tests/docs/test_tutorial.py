@@ -2,13 +2,16 @@
 
 import os
 import re
+import signal
+import time
 
 import pytest
 
 from tests.docs import notebook, readme
 from tests.docs.fences import agree, fences, same_text, texts
-from tests.docs.tutorial import IMAGES, TUTORIAL, Reader, pages
+from tests.docs.tutorial import CHANNEL, IMAGES, TUTORIAL, Reader, pages, plain
 from tests.runtime.runs import finished
+from tests.runtime.terminals import Terminal
 
 RIG = "4_rig.md"
 OF_THE_MACHINE = re.compile(r"^  (?:speed|fused) .*\n(?:    .*\n)*", re.M)  # lines of `check`
@@ -74,12 +77,39 @@ def test_the_notebook_runs_and_has_the_outputs_that_are_stored_in_it(tmp_path):
         assert cell == executed and agree(text, printed), f"{text}\n{printed}: run python -m tests.docs.notebook"
 
 
+def channel():
+    """Return a multicast group of this process."""
+    return f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
+
+
 @pytest.mark.timing
 def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
-    channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
-    with Reader(tmp_path, channel, pause=0.4, options=("--set", "knee.timeout=0.5")) as reader:
+    with Reader(tmp_path, channel(), pause=0.4, options=("--set", "knee.timeout=0.5")) as reader:
         for fence in [fence for page in pages()[:4] for fence in fences(TUTORIAL / page) if fence.file]:
             (tmp_path / fence.file).write_text(fence.text)
         for shown, printed in reader.follow(RIG):
             assert_shown([line for line in shown if " strides of " not in line], printed, in_virtual_time=False)
     assert texts(tmp_path / "rig.svg") == texts(IMAGES / "rig.svg")
+
+
+@pytest.mark.timing
+def test_a_silent_drive_ends_the_run_and_the_operator_the_stop(tmp_path):
+    for fence in [fence for page in pages()[:4] for fence in fences(TUTORIAL / page) if fence.file]:
+        (tmp_path / fence.file).write_text(fence.text.replace(CHANNEL, channel()))
+    section = (TUTORIAL / RIG).read_text().split("## Provoke a fault")[1]
+    guardian, report = re.findall(r"```none\n(.*?)```", section, re.DOTALL)
+    with Reader(tmp_path) as reader, Terminal() as terminal:
+        reader.command("emulate", "exo.py", "--rig", "lab.toml")
+        terminal.run("exo.py", "--rig", "lab.toml", "--record", "fault", cwd=tmp_path)
+        terminal.wait_for(r"press Enter to arm[^\r]*[\r\n]+.*ready")
+        time.sleep(0.4)  # a key before the table has been shown arms nothing
+        terminal.press(b"\n")
+        terminal.wait_for("running")
+        reader.emulator.send_signal(signal.SIGINT)
+        terminal.wait_for("Ctrl-C ends them")
+        printed = plain(terminal.look())
+        terminal.press(b"\x03")
+        assert terminal.end() == 3
+        printed += plain(terminal.look())
+    assert_shown(guardian.splitlines(), printed.splitlines(), in_virtual_time=False)
+    assert_shown(report.splitlines(), printed.splitlines(), in_virtual_time=False)

@@ -100,7 +100,12 @@ class Reader:
                 terminal.wait_for(pattern)
             assert terminal.end() == 0
             shown.append(terminal.look())
-        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", "".join(shown)).replace("\r\n", "\n").replace("\r", "\n")
+        return plain("".join(shown))
+
+
+def plain(shown):
+    """Return what a terminal shows as lines of text."""
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def pages():

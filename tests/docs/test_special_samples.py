@@ -1,0 +1,205 @@
+"""Samples of pages that need files, sockets or processes: each is run, here or by the test that SAMPLES names."""
+
+import importlib
+import os
+import re
+import socket
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+import runtime
+from blocks.actuators import CubeMars
+from graph import dialogue, family
+from runtime.base.signed_datagrams import Receiver
+from tests.checkout import ROOT
+from tests.docs.fences import agree, fences
+from tests.docs.pages import NAMES
+from tests.runtime.runs import finished, started
+from tests.runtime.test_documents import shown_after
+
+DOCS = ROOT / "docs"
+SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in their order
+    "docs/how_to/device_families.md": (
+        "runtime.test_actuators_page.test_the_driver_board_of_the_page_compiles_runs_and_is_proved",
+        "docs.test_special_samples.test_the_device_family_of_the_page_is_accepted",
+        "docs.test_special_samples.test_the_dialogue_of_the_page_asks_for_a_confirmation",
+    ),
+    "docs/how_to/native_blocks.md": (
+        "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",
+        "runtime.test_documents.test_the_kernel_in_c_of_the_page_compiles_and_runs",
+    ),
+    "docs/how_to/notebooks.md": ("docs.test_special_samples.test_a_notebook_runs_a_file_in_real_time",),
+    "docs/how_to/optimisation.md": ("docs.test_special_samples.test_the_optimisation_from_python_has_an_optimum",),
+    "docs/reference/rate.md": (
+        "runtime.emulation.test_gpio_server.test_the_emergency_stop_of_the_page_is_pressed_by_its_program",
+    ),
+    "docs/reference/recordings.md": (
+        "runtime.test_documents.test_examples_of_the_recordings_page_have_the_documented_output",
+    ),
+    "docs/reference/rigs.md": (
+        "runtime.rig.test_page.test_sender_of_the_page_reads_as_released_button",
+        "docs.test_special_samples.test_the_signed_sender_of_the_page_is_accepted",
+    ),
+    "docs/reference/running.md": ("runtime.test_documents.test_commands_of_the_pages_run",) * 2,
+}
+SPECIAL = re.compile(r"^ *```python notest\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
+
+
+def samples(page):
+    """Return the Python samples of a page that are marked `notest`, without their indentation."""
+    found = []
+    for text in SPECIAL.findall((ROOT / page).read_text()):
+        indent = re.match(" *", text)[0]
+        found.append(re.sub(f"^{indent}", "", text, flags=re.MULTILINE))
+    return found
+
+
+def test_every_special_sample_has_a_test():
+    assert {name: len(samples(name)) for name in NAMES if samples(name)} == {
+        name: len(tests) for name, tests in SAMPLES.items()
+    }
+    for tests in SAMPLES.values():
+        for test in tests:
+            module, _, name = test.rpartition(".")
+            assert callable(getattr(importlib.import_module(f"tests.{module}"), name)), test
+
+
+def test_the_device_family_of_the_page_is_accepted():
+    text = samples("docs/how_to/device_families.md")[1]
+    names = {**vars(family), "GaitDrive": CubeMars, "models": SimpleNamespace(find=str, MODELS={})}
+    names |= dict.fromkeys(("disable", "answers", "wire", "reader"), lambda *arguments: None)
+    exec(text, names)
+    own = names["FAMILY"]
+    assert own.drives[0].block is CubeMars and own.queries[0].why
+    assert isinstance(own.stop_query(SimpleNamespace(can_id=1)), family.StopQuery)
+
+
+def test_the_dialogue_of_the_page_asks_for_a_confirmation():
+    text = samples("docs/how_to/device_families.md")[2]
+    frame = (0x1, b"\0" * 8)
+    names = {
+        **vars(dialogue),
+        "disable": lambda can_id: frame,
+        "zero": lambda can_id: frame,
+        "reader": lambda can_id: str,
+    }
+    exec(text, names)
+    talk = names["set_up"](None, SimpleNamespace(can_id=1))
+    asked = talk.send(None)
+    while not isinstance(asked, dialogue.Confirm):
+        asked = talk.send("reply" if not isinstance(asked, dialogue.Send) else None)
+    assert isinstance(talk.send(True), dialogue.Send) and isinstance(talk.send(None), dialogue.Listen)
+    with pytest.raises(StopIteration) as ended:
+        talk.send([])
+    assert ended.value.value is True
+
+
+def test_the_signed_sender_of_the_page_is_accepted(tmp_path):
+    key = bytes(range(32))
+    (tmp_path / "estop.key").write_text(key.hex())
+    receiver, accepted = Receiver(key), []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        line.bind(("127.0.0.1", 0))
+        line.settimeout(10.0)
+        script = samples("docs/reference/rigs.md")[1].replace("9871", str(line.getsockname()[1]))
+        sender = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path)
+        try:
+            while len(accepted) < 3:
+                datagram, address = line.recvfrom(100)
+                frame, reply = receiver.frame(datagram)
+                if reply:
+                    line.sendto(reply, address)
+                if frame:
+                    accepted.append(frame)
+        finally:
+            sender.kill()
+            sender.wait()
+    assert all(frame[:6] == bytes([0, 1, 0, 0, 2, 0]) and frame[9] == 0x5A for frame in accepted)
+
+
+def test_a_notebook_runs_a_file_in_real_time(tmp_path, monkeypatch):
+    simulation, robot = samples("docs/how_to/notebooks.md")[0].splitlines()
+    monkeypatch.chdir(tmp_path)
+    [definition] = [text for text in python_samples("docs/how_to/notebooks.md") if "def build(" in text]
+    (tmp_path / "knee.py").write_text(definition[: definition.index("\n\nbuild()")])
+    names = {"runtime": runtime}
+    exec(simulation.replace("60", "0.2"), names)
+    assert len(names["trial"]) > 0
+    with pytest.raises(Exception, match="lab.toml"):  # there is none: its options are accepted
+        exec(robot, names)
+
+
+def python_samples(page):
+    return re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Folder with the files of the page about optimisation."""
+    page = DOCS / "how_to" / "optimisation.md"
+    os.symlink(ROOT / "diagrams", tmp_path / "diagrams")
+    (tmp_path / "costs.py").write_text(next(fence.text for fence in fences(page) if "def loss" in fence.text))
+    (tmp_path / "ankle.toml").write_text(next(fence.text for fence in fences(page) if fence.language == "toml"))
+    return tmp_path
+
+
+def output_after(words):
+    """Return the lines of the first output on the page about optimisation that contains these words."""
+    page = DOCS / "how_to" / "optimisation.md"
+    return next(
+        [line.strip() for line in text.splitlines()]
+        for text in re.findall(r"^ *```text\n(.*?)^ *```", page.read_text(), re.DOTALL | re.MULTILINE)
+        if words in text
+    )
+
+
+@pytest.mark.soak
+def test_the_study_of_the_page_prints_what_it_shows(study):
+    pytest.importorskip("cma")
+    printed = finished("study", "ankle.toml", cwd=study, timeout=600).stdout.splitlines()
+    shown = output_after("evaluations of 3 runs")
+    assert len(shown) == len(printed)
+    assert all(agree(line, text.strip()) for line, text in zip(shown, printed)), printed
+
+
+def test_the_optimisation_from_python_has_an_optimum(study, monkeypatch):
+    pytest.importorskip("cma")
+    pytest.importorskip("pyarrow")
+    monkeypatch.chdir(study)
+    monkeypatch.syspath_prepend(study)
+    call, *uses = re.split(r"^(?=result\.)", samples("docs/how_to/optimisation.md")[0], flags=re.MULTILINE)
+    names = {"runtime": runtime}
+    for long, short in (("duration=20", "duration=10"), ("[1, 2, 3]", "[1]"), ("output=", "generations=1, output=")):
+        call = call.replace(long, short)
+    exec(call, names)
+    assert set(names["result"].optimum) == {"assistance", "peak_time", "push_off.rise"}
+    for use in uses:
+        exec(use.replace("run(324)", "run(1)"), names)
+
+
+def test_the_protocol_in_virtual_time_prints_what_the_page_shows(study):
+    pytest.importorskip("cma")
+    page = (DOCS / "how_to" / "optimisation.md").read_text()
+    command = re.search(r"python -m runtime (optimise diagrams/ankle_exo.py --fast .*?)\n   ```", page, re.DOTALL)[1]
+    process = started(*command.replace("\\\n", " ").split(), cwd=study)
+    printed = [process.stderr.readline().strip() for _ in range(4)]
+    process.terminate()
+    process.communicate()
+    shown = output_after("measurements of")
+    assert all(agree(line, text) for line, text in zip(shown, printed, strict=True)), printed
+
+
+def test_the_rates_of_the_page_are_those_of_the_command(tmp_path):
+    page = (DOCS / "reference" / "rate.md").read_text()
+    table = re.findall(r"^\| (?:Tickwork's zero|`8000).*?\|((?: \d+ \|)+)$", page, re.MULTILINE)
+    for row, more in zip(table, ((), ("--upper-zero",)), strict=True):
+        words = ("rate", "--seconds", "0.1", "--picture", tmp_path / "rate.png", *more)
+        printed = finished(*words, cwd=tmp_path).stdout.splitlines()
+        full = [int(line.split()[3]) for line in printed if re.match(r" +\d+ +\d+ Hz", line)]
+        assert [int(cell) for cell in re.findall(r"\d+", row)] == full
+        if not more:
+            shown = [line for line in shown_after(page, "## The highest rate") if " Hz " in line]
+            assert all(line.split("Hz, 2 s")[0] in "\n".join(printed) for line in shown[1:]), printed
