@@ -35,6 +35,7 @@ examples:
   stream actuator 9 --rig lab.toml --bus legs --record recordings
   stream imu 133931 --channels accel,gyro --rate 500
   stream imu --rerun
+  stream imu --sync GPIO22 --record recordings --duration 30
 {1}  stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
 
 No motor is enabled: the drive is queried with its disable or stop frame and can be moved by hand. Press Ctrl-C to end.
@@ -154,11 +155,21 @@ def imu(arguments: Sequence[str]) -> int:
         "--attitude",
         choices=("filter", "sensor"),
         default="filter",
-        help="source of quaternion and euler: host filter or sensor (default: filter)",
+        help="source of quaternion and euler: the estimation filter, or the complementary filter of the sensor "
+        "(default: filter)",
+    )
+    parser.add_argument(
+        "--sync",
+        action="append",
+        default=[],
+        metavar="PIN",
+        help="show level and edges of a GPIO input beside the samples: GPIO22 or /dev/gpiochip4:GPIO22; repeatable",
     )
     add_showing(parser)
     options = parser.parse_args(arguments)
-    watched = WatchedImus(options.serials, _comma_separated(options.channels), options.rate, options.attitude)
+    watched = WatchedImus(
+        options.serials, _comma_separated(options.channels), options.rate, options.attitude, options.sync
+    )
     try:
         print_lines([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
         totals = show(watched, "imu", options)

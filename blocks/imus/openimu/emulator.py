@@ -23,6 +23,9 @@ class EmulatedOpenImu(Device):
     bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     address = Param(128, "1", "source address", min=128, max=247, fixed=True)
     model = Param("300RI", "1", "model; a 335RI has no magnetometer, and rounds codes", choices=("300RI", "335RI"))
+    sends_temperature = Param(
+        False, "1", "whether the firmware sends the ambient conditions of J1939 once per second", fixed=True
+    )
     rounds = Param(False, "1", "whether codes are rounded instead of truncated; set by the model", fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -G))
@@ -30,6 +33,7 @@ class EmulatedOpenImu(Device):
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 43.0))
     roll = Input("rad", "angle about x", default=0.0)
     pitch = Input("rad", "angle about y", default=0.0)
+    temperature = Input("°C", "temperature of the unit", default=30.0)
     silent = Input("1", "whether the unit accepts settings but sends nothing", default=False, dtype=bool)
     dropped = Input("1", "fraction of lost frames in both directions, 0 to 1", default=0.0)
     power_lost = Input(
@@ -37,8 +41,9 @@ class EmulatedOpenImu(Device):
     )
     stored = Memory((0.0,) * 6, "divider, packets, behaviour, orientation, filters at power-on")
     state = Memory(
-        (0.0,) * 11,
-        "present settings; pending replies, time of the next packets, random state, loss of power, serial number",
+        (0.0,) * 12,
+        "present settings; pending replies, time of the next packets, random state, loss of power, serial number, time "
+        "of the next temperature",
     )
 
     kernel = kernels.unit
@@ -55,7 +60,7 @@ class EmulatedOpenImu(Device):
         types = frames.SENDS_SLOPE if self.rounds else frames.SENDS_FIELD
         types |= frames.SENDS_RATE | frames.SENDS_ACCELERATION
         self.stored = (1.0, types, frames.STOCK, 0.0, 25.0, 25.0)
-        self.state = (*self.stored, 0.0, 0.0, 0.0, 0.0, 1000.0 + self.address)
+        self.state = (*self.stored, 0.0, 0.0, 0.0, 0.0, 1000.0 + self.address, 0.0)
 
     def addresses(self) -> list[tuple[int, bool]]:
         return [(self.address, True)]

@@ -11,12 +11,14 @@ class EmulatedOpenImu(Device):
     bus: Param[str]
     address: Param[int]
     model: Param[Literal['300RI', '335RI']]
+    sends_temperature: Param[bool]
     rounds: Param[bool]
     accel: Input
     gyro: Input
     mag: Input
     roll: Input
     pitch: Input
+    temperature: Input
     silent: Input
     dropped: Input
     power_lost: Input
@@ -27,6 +29,7 @@ class EmulatedOpenImu(Device):
         bus: str = 'can',
         address: int = 128,
         model: Literal['300RI', '335RI'] = '300RI',
+        sends_temperature: bool = False,
         rounds: bool = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...
@@ -37,6 +40,7 @@ class EmulatedOpenImu(Device):
         mag: Operand = ...,
         roll: Operand = ...,
         pitch: Operand = ...,
+        temperature: Operand = ...,
         silent: Operand = ...,
         dropped: Operand = ...,
         power_lost: Operand = ...,

@@ -113,6 +113,7 @@ class OpenImu(Device):
     mag = Output("µT", "magnetic field", shape=(3,))
     roll = Output("rad", "angle about x", circle=(-math.pi, math.pi))
     pitch = Output("rad", "angle about y")
+    temperature = Output("°C", "temperature, if the firmware sends the ambient conditions of J1939; NaN otherwise")
     age = Output("s", "time since the newest complete sample")
     settings = Output(
         "1",
@@ -211,6 +212,7 @@ class OpenImu(Device):
             "mag": field,
             "roll": angle,
             "pitch": angle,
+            "temperature": Interval(-273.0, 1775.0),
             "age": Interval(0.0),
             "settings": Interval(0.0, 31.0),
             "invalid": Interval(0.0),

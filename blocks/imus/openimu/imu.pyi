@@ -29,6 +29,7 @@ class OpenImu(Device):
     mag: Output
     roll: Output
     pitch: Output
+    temperature: Output
     age: Output
     settings: Output
     invalid: Output
@@ -62,6 +63,7 @@ class OpenImu(Device):
         mag: Signal
         roll: Signal
         pitch: Signal
+        temperature: Signal
         age: Signal
         settings: Signal
         invalid: Signal

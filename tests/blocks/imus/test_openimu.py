@@ -378,3 +378,37 @@ def test_openimu_300ri_rejects_settings_of_the_335ri():
     for more in ({"high_resolution": True}, {"slope": True, "slope_sensor": 1}):
         with pytest.raises(DiagramError, match="require model='335RI'"):
             robot(**more)
+
+
+# Temperature
+
+
+def ambient(raw):
+    """PGN 65269 of SAE J1939-71; SPN 171 in bytes 4 and 5, the other values not available."""
+    return b"\xff" * 3 + raw.to_bytes(2, "little") + b"\xff" * 3
+
+
+@pytest.mark.parametrize("raw, celsius", [(0, -273.0), (9376, 20.0), (9696, 30.0), (0xFAFF, 1734.96875)])
+def test_a_temperature_in_the_ambient_conditions_is_decoded(listener, raw, celsius):
+    imu = listener(128)
+    assert imu.hear(identifier(65269), ambient(raw)) == NOTED and imu["temperature"] == celsius
+    assert imu.hear(identifier(65269, 129), ambient(0)) == FOREIGN and imu["temperature"] == celsius
+    assert imu.hear(identifier(65269), ambient(raw)[:5]) == MALFORMED
+
+
+@pytest.mark.parametrize("raw", [0xFE00, 0xFFFF])
+def test_a_temperature_that_is_an_error_or_not_available_is_nan(listener, raw):
+    imu = listener(128)
+    imu.hear(identifier(65269), ambient(9376))
+    assert imu.hear(identifier(65269), ambient(raw)) == NOTED and math.isnan(imu["temperature"])
+
+
+@pytest.mark.parametrize("sends", [False, True])
+def test_the_temperature_is_nan_unless_the_firmware_sends_it(sends):
+    diagram = robot()
+    with Diagram("plant", rate=1000) as made:
+        EmulatedOpenImu.of(diagram["imu"], sends_temperature=sends, name="unit")(temperature=36.5)
+    walk = run(diagram, 400, plant=made, substeps=5)
+    newest = walk["imu.temperature"][-1]
+    assert newest == pytest.approx(36.5, abs=1 / 64) if sends else math.isnan(newest)
+    assert np.isfinite(walk["imu.accel[2]"][-1])

@@ -1,12 +1,16 @@
 """`scan` and `stream imu`: MicroStrain's sensors behind pseudo-terminals, real pyserial in between."""
 
+import csv
 import importlib.util
 import json
 import re
+import threading
 
 import pytest
 
 from runtime.base.errors import BAD_INPUT, OK
+from runtime.emulation.gpio_server import GpioServer
+from tests.blocks.test_gpio import BYTES, FALLING, LEVEL, RISING, event
 from tests.runtime.recorder.rerun.test_rerun import vectors
 from tests.runtime.rig.test_microstrain import Sensors
 from tests.runtime.runs import Listener
@@ -79,3 +83,28 @@ def test_two_are_shown_recorded_and_plotted(command_line):
 def test_a_missing_device_is_reported_with_the_present_ones(command_line):
     code, _, err = command_line("stream", "imu", "77")
     assert code == BAD_INPUT and "TW127" in err and "6253.133931" in err
+
+
+def test_a_synchronisation_input_is_recorded_beside_the_samples(command_line):
+    chip = f"unix:{command_line.folder}/chip"
+    server = GpioServer("sync", chip, "GPIO22")
+    server.end.send(LEVEL, b"\0")
+    edges = [event(0, kind, number) for number, kind in enumerate((RISING, FALLING, RISING), 1)]
+    pulse = threading.Timer(0.6, lambda: [server.end.send(BYTES, edge) for edge in edges])
+    pulse.start()
+    arguments = ("--channels", "gyro", "--rate", "100", "--duration", "1.5", "--record", "out")
+    code, out, err = command_line("stream", "imu", "3931", "--sync", f"{chip}:GPIO22", *arguments)
+    pulse.join()
+    server.close()
+    assert (code, err) == (OK, "")
+    assert "sync_GPIO22: 2 rising and 1 falling edges" in out and "on    1.000 1" in out
+    [file] = (command_line.folder / "out").glob("imu_*.csv")
+    rows = list(csv.DictReader(file.open()))
+    levels = [float(row["sync_GPIO22.on"]) for row in rows]
+    assert levels[0] == 0.0 and levels[-1] == 1.0 and levels == sorted(levels)
+    assert [float(rows[-1][f"sync_GPIO22.{name}"]) for name in ("rises", "falls")] == [2.0, 1.0]
+
+
+def test_a_synchronisation_input_that_cannot_be_opened_is_reported(command_line):
+    code, _, err = command_line("stream", "imu", "3931", "--sync", "/dev/gpiochip77:GPIO22", "--duration", "1")
+    assert code == BAD_INPUT and "/dev/gpiochip77 GPIO22" in err

@@ -15,7 +15,7 @@ from cext.abi cimport (
     export, export_decode, export_encode, items, kernel_t,
 )
 from cext.kernels.devices.openimu.frames cimport (
-    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
+    ACCELERATION, ADDRESS_CLAIM, AMBIENT, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
     ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
     SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE, SENDS_SLOPE_1,
     SLOPE, SLOPE_1, group_of, u16,
@@ -29,6 +29,7 @@ cdef enum: # in `stored` and `state`
     LUCK                        # random state for dropped frames
     DEAD                        # whether it has no power
     NAME                        # serial number in the NAME of the address claim
+    WARM_DUE                    # time of the next temperature, s
 
 cdef enum: # bits of OWED
     OWES_CLAIM = 1
@@ -50,11 +51,11 @@ cdef enum:
 
 
 cdef struct Unit:
-    int32_t accel, gyro, mag, roll, pitch, silent, dropped, power_lost, address, rounds
+    int32_t accel, gyro, mag, roll, pitch, temperature, silent, dropped, power_lost, address, rounds, sends_temperature
     int32_t stored              # the enum above: settings at power-on
     int32_t state               # the enum above
 
-UNIT = items((<Unit *>ITEMS)[0], "accel[3] gyro[3] mag[3] stored[6] state[11]")
+UNIT = items((<Unit *>ITEMS)[0], "accel[3] gyro[3] mag[3] stored[6] state[12]")
 
 
 cdef bint drops(double *arena, const Unit *at) noexcept nogil:
@@ -283,6 +284,21 @@ cdef int send(double *arena, const Unit *at, uint32_t packet, Frame *frames, int
     return count + 1
 
 
+cdef int send_temperature(double *arena, const Unit *at, Frame *frames, int count) noexcept nogil:
+    """Append the ambient conditions to `count` frames once per second, if the firmware sends them."""
+    cdef double *state = arena + at.state
+    cdef uint8_t *data = &frames[count].data[0]
+    if arena[at.sends_temperature] == 0.0 or arena[TIME] < state[WARM_DUE] - 1e-9 or arena[at.silent] != 0.0:
+        return count
+    state[WARM_DUE] = arena[TIME] + 1.0
+    memset(&frames[count], 0, sizeof(Frame))
+    memset(data, 0xFF, 8)                                       # not available
+    frames[count].id = <uint32_t>EXTENDED | 6 << 26 | AMBIENT << 8 | <uint32_t>arena[at.address]
+    frames[count].length = 8
+    put16(&data[3], (arena[at.temperature] + 273.0) * 32.0, True)
+    return count + 1
+
+
 cdef int say(double *arena, const Unit *at, uint32_t owed, Frame *frames, int count) noexcept nogil:
     """Append a reply to `count` frames if pending. Returns the new count."""
     cdef double *state = arena + at.state
@@ -301,7 +317,7 @@ cdef int send_encode(double *arena, const Unit *at, const Unit *sizes, Frame *fr
     cdef uint32_t bit = 1
     cdef int count = 0
     if not (finite(arena + at.accel, 3) and finite(arena + at.gyro, 3) and finite(arena + at.mag, 3)
-            and finite(arena + at.roll, 1) and finite(arena + at.pitch, 1)):
+            and finite(arena + at.roll, 1) and finite(arena + at.pitch, 1) and finite(arena + at.temperature, 1)):
         return -NOT_FINITE
     if state[DEAD] != 0.0:
         return 0
@@ -320,6 +336,8 @@ cdef int send_encode(double *arena, const Unit *at, const Unit *sizes, Frame *fr
             count = send(arena, at, SENDS_SLOPE_1, frames, count)
             count = send(arena, at, SENDS_FINE_ACCELERATION, frames, count)
             count = send(arena, at, SENDS_FINE_RATE, frames, count)
+    if count < FRAMES_PER_DEVICE:
+        count = send_temperature(arena, at, frames, count)
     while bit <= OWES_VERSION and count < FRAMES_PER_DEVICE:
         count = say(arena, at, bit, frames, count)
         bit <<= 1

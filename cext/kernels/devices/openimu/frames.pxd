@@ -15,6 +15,7 @@ cdef enum: # parameter groups
     SLOPE = 0xF029
     ANGULAR_RATE = 0xF02A
     ACCELERATION = 0xF02D
+    AMBIENT = 0xFEF5            # of J1939: ambient conditions
     MAGNETIC_FIELD = 0xFF6A
     FINE_RATE = 0xFF6B          # of the 335RI
     FINE_ACCELERATION = 0xFF6D

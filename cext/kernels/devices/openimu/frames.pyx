@@ -12,6 +12,10 @@ The 335RI also sends a merit of two bits for each value. It can send these in pl
     angular rate      raw / 1024 - 250 °/s, the same
     slope sensor 1    pitch, roll: raw / 500 - 64 °, two bytes each; pitch rate; merit
 
+Firmware of a laboratory may send the temperature in the ambient conditions of J1939 (SAE J1939-71, SPN 171):
+
+    ambient air temperature      raw / 32 - 273 °C, two bytes from byte 4 on
+
 Outputs stay NaN until the unit has confirmed its settings: by default, acceleration and angular rate have different
 axes.
 """
@@ -25,7 +29,7 @@ from cext.abi cimport (
     items,
 )
 from cext.kernels.devices.openimu.frames cimport (
-    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE,
+    ACCELERATION, ADDRESS_CLAIM, AMBIENT, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE,
     PACKET_TYPE,
     FINE_ACCELERATION, FINE_RATE, SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE,
     SENDS_RATE, SENDS_SLOPE,
@@ -51,7 +55,7 @@ cdef double DEGREE = M_PI / 180.0
 
 
 cdef struct OpenImu:
-    int32_t accel, gyro, mag, roll, pitch, settings, invalid, address
+    int32_t accel, gyro, mag, roll, pitch, temperature, settings, invalid, address
     int32_t wanted              # the enum above
     int32_t set_up              # identifier, length and eight bytes of each frame that writes or reads settings
     int32_t state               # the enum above
@@ -96,11 +100,21 @@ cdef void never(double *arena, const OpenImu *at, bint nothing_yet) noexcept nog
     cdef bint newer = (arena + at.wanted)[NEWER] != 0.0
     if not types & SENDS_SLOPE and not (newer and types & SENDS_SLOPE_1):
         arena[at.roll] = arena[at.pitch] = NAN
+    arena[at.temperature] = NAN
     for i in range(3):
         if newer or not types & SENDS_FIELD:
             arena[at.mag + i] = NAN
         if nothing_yet:
             arena[at.accel + i] = arena[at.gyro + i] = NAN
+
+
+cdef inline void start(double *arena, const OpenImu *at) noexcept nogil:
+    """Set the outputs to NaN before the first frame, at the start and again after arming."""
+    cdef double *state = arena + at.state
+    cdef uint32_t needed = <uint32_t>(arena + at.wanted)[NEEDED]
+    if state[STARTED] == 0.0:
+        state[STARTED] = 1.0
+        never(arena, at, (<uint32_t>arena[at.settings] & needed) != needed)
 
 
 cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
@@ -154,17 +168,19 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
     if PACKET_RATE <= group <= BEHAVIOUR:
         return confirm(arena, at, group, frame)
     packet = packet_of(group, newer)
-    if packet == 0:
+    if packet == 0 and group != AMBIENT:
         return NOTED
     if frame.length != 8:
         return MALFORMED
+    if group == AMBIENT:
+        start(arena, at)
+        arena[at.temperature] = NAN if u16(&data[3]) >= NO_VALUE else u16(&data[3]) / 32.0 - 273.0
+        return NOTED
     # after a gap: power may have been lost, and the address claim missed
     if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:
         arena[at.settings] = state[ARRIVED] = state[NEXT] = 0.0
     state[LAST] = frame.time * 1e-9
-    if state[STARTED] == 0.0:                                   # at the start, and again after arming
-        state[STARTED] = 1.0
-        never(arena, at, (<uint32_t>arena[at.settings] & needed) != needed)
+    start(arena, at)
     if (<uint32_t>arena[at.settings] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
         return NOTED
     state[NEXT] = -1.0
