@@ -1,6 +1,6 @@
 """Errors of the command line, and its exit codes."""
 
-OK, CHECK_FAILED, BAD_INPUT, FAULT = 0, 1, 2, 3
+OK, CHECK_FAILED, BAD_INPUT, FAULT, NOT_RECORDED = 0, 1, 2, 3, 4
 
 
 class BadInput(Exception):

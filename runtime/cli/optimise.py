@@ -254,7 +254,7 @@ def live(request: Request, options: Namespace) -> int:
     print_lines(summary.summary(result))
     assert session.state_path is not None
     print_lines([*outcome(session.state_path), *comparison(result, options.measure)])
-    return summary.exit_code(result.outcome)
+    return summary.exit_code(result.outcome, summary.unsaved(result))
 
 
 def comparison(result: Result, measure: float) -> list[str]:

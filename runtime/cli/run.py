@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code of the run: 0, 3 after a fault, or 128 + the number of a signal."""
+    """Run the command. Returns the exit code of the run, as of runtime.report.summary.exit_code."""
     from runtime.report import summary
 
     result = carried_out(parse_run(arguments))
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> int:
         print_lines(profiled(result))
     if not result.outcome.faulted and result.request.report is None:
         print_lines(summary.hints(result, program()))
-    return summary.exit_code(result.outcome)
+    return summary.exit_code(result.outcome, summary.unsaved(result))
 
 
 def carried_out(request: Request) -> Result:

@@ -33,6 +33,7 @@ from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.recording import RecordingFailed
 from runtime.recorder.report import PARTIAL, write_json
 from runtime.recorder.writer import answer, name_process, write
+from runtime.recording.files import STOPPED_EARLY
 
 ORDERS_DESCRIPTOR = 0  # standard input
 RESTART_LIMIT = 3
@@ -204,7 +205,7 @@ def successor(
 def lost_report(before: dict[str, Any]) -> dict[str, Any]:
     """Return the report of a recording that has stopped before the end of the run."""
     files = [{"path": path, "note": remark} for path, remark in before["files"].items()]
-    return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": "unknown"}
+    return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": STOPPED_EARLY}
 
 
 def be_ordinary() -> None:

@@ -11,6 +11,7 @@ from cext.user_text import name_and_text
 from runtime.base.errors import BadInput
 from runtime.recording.changes import stopped_by
 from runtime.recording.files import private
+from runtime.recording.provenance import optional
 
 STILL_RECORDING = "still recording; if no recorder process runs, the recorder was killed and the files end there"
 
@@ -44,7 +45,7 @@ def describe(recording: Any, orphaned: bool) -> dict[str, Any]:
         "duration": plan["duration"],
         "virtual": plan["virtual"],
         "simulated": plan["simulated"],
-        "began": datetime.fromtimestamp(wall * 1e-9, timezone.utc).astimezone().isoformat() if wall else None,
+        "began": optional(local_time, wall) if wall else None,
         "ended": ending(recording.end, orphaned),
         "end": recording.end,
         "ticks": recording.ticks,
@@ -61,6 +62,11 @@ def describe(recording: Any, orphaned: bool) -> dict[str, Any]:
         **recording.about,
         "control_pid": plan.get("control_pid"),
     }
+
+
+def local_time(wall: int) -> str:
+    """Return a time as text, with the local offset. wall : ns since 1970. Raises ValueError for an unusable TZ"""
+    return datetime.fromtimestamp(wall * 1e-9, timezone.utc).astimezone().isoformat()
 
 
 def ending(end: dict[str, Any] | None, orphaned: bool) -> str:

@@ -1,19 +1,23 @@
 """Provenance of a recording: its diagram and settings, versions, the user's repository, and the machine."""
 
+from __future__ import annotations
+
 import json
 import os
 import platform
 import subprocess
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+T = TypeVar("T")
 PACKAGES = ("tickwork", "numpy", "networkx", "python-can", "onnxruntime", "onnxruntime-gpu")
 GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 
 def gather(plan: dict[str, Any]) -> dict[str, Any]:
-    """Return the provenance of a run for JSON. plan : of the recorder"""
+    """Return the provenance of a run for JSON; None for what cannot be had. plan : of the recorder"""
     metadata = plan.get("metadata", {})
     return {
         "name": plan["name"],
@@ -26,10 +30,18 @@ def gather(plan: dict[str, Any]) -> dict[str, Any]:
         "limits": plan.get("limits", {}),
         "metadata": metadata,
         "hash": json.loads(plan["diagram_json"])["hash"] if plan.get("diagram_json") else None,
-        "versions": versions(),
-        "repository": repository(metadata.get("diagram_file")),
-        "machine": machine(),
+        "versions": optional(versions),
+        "repository": optional(repository, metadata.get("diagram_file")),
+        "machine": optional(machine),
     }
+
+
+def optional(function: Callable[..., T], *arguments: Any) -> T | None:
+    """Return the result of a function, None if it raises: no recording fails for want of its description."""
+    try:
+        return function(*arguments)
+    except Exception:
+        return None
 
 
 def versions() -> dict[str, str]:

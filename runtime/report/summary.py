@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from blocks.sinks import PlotJuggler
 from graph import Device
 from runtime.analysis.average_stride import left_out_text, signals_texts
-from runtime.base.errors import FAULT, OK
+from runtime.base.errors import FAULT, NOT_RECORDED, OK
 from runtime.console.styles import count
 from runtime.recording.changes import stopped_by
-from runtime.recording.files import DELETED, INCOMPLETE
+from runtime.recording.files import DELETED, INCOMPLETE, STOPPED_EARLY
 from runtime.report.failure_coverage import nothing_stops, unstopped
 from runtime.report.held_exceptions import text as held_text
 from runtime.report.timing import spread, timing
@@ -35,11 +35,25 @@ REJECTED = {  # kinds of frames other than valid replies
 }
 
 
-def exit_code(outcome: Outcome) -> int:
-    """Return 0, 3 after a fault, or 128 + the number of the signal that ended the run."""
+def exit_code(outcome: Outcome, unsaved: str = "") -> int:
+    """Return 0, 3 after a fault, 128 + the number of the signal that ended the run, or 4 for a short recording.
+
+    unsaved : what the recording lacks, as text
+    """
     if outcome.faulted:
         return FAULT
-    return 128 + outcome.signal if outcome.signal else OK
+    return 128 + outcome.signal if outcome.signal else NOT_RECORDED if unsaved else OK
+
+
+def unsaved(result: RunResult) -> str:
+    """Return what the recording of a run lacks, as text; "" for a complete one."""
+    recording = result.recording
+    partial = [file["path"] for file in recording.get("files", []) if file.get("note") in (INCOMPLETE, DELETED)]
+    dropped = result.statistics["dropped"]
+    lacks = [f"{count(dropped, 'record')} lost"] * bool(dropped and recording.get("files"))
+    lacks += [f"incomplete: {', '.join(partial)}"] * bool(partial)
+    lacks += recording["problems"][-1:] if recording.get("ended") == STOPPED_EARLY else []
+    return "; ".join(lacks)
 
 
 def stopped(outcome: Outcome) -> str | None:
@@ -66,7 +80,9 @@ def summary(result: RunResult) -> list[str]:
         else f"on the rig {result.request.rig}"
     )
     how += ", in virtual time" if result.request.fast else ""
-    rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
+    lacking = unsaved(result)
+    rows = [f"THE RECORDING IS NOT COMPLETE: {lacking}"] * bool(lacking)
+    rows += [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
     def row(label, text):
         rows.append(f"  {label:<11} {text}")
@@ -211,9 +227,7 @@ def hints(result: RunResult, program: str) -> list[str]:
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
-    paths = [
-        file["path"] for file in result.recording.get("files", []) if file.get("note") not in (INCOMPLETE, DELETED)
-    ]
+    paths = [] if unsaved(result) else [file["path"] for file in result.recording.get("files", [])]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
     log = next((path for path in paths if path.endswith(".mcap")), None)

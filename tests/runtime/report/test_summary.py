@@ -46,6 +46,11 @@ def test_exit_codes_follow_the_outcome(ended, code):
     assert summary.exit_code(ended) == code
 
 
+def test_a_short_recording_has_an_exit_code_of_its_own_and_others_take_precedence():
+    ends = outcome(), outcome("not finite"), outcome(number=signal.SIGINT)
+    assert [summary.exit_code(ended, "1 record lost") for ended in ends] == [4, 3, 130]
+
+
 def test_signals_are_named_and_ctrl_c_is_explained():
     assert summary.stopped(outcome()) is None
     assert summary.stopped(outcome(number=signal.SIGINT)) == "stopped by SIGINT (Ctrl-C)"

@@ -32,7 +32,7 @@ def spin():
 COMPLETE, ENDED, DIED = "200 of 200 done", "done, 0 missed", ""
 ATTACKS = {  # expression in tick 20, exit code, text in the summary, text on standard error
     "chdir": ("os.chdir('/')", 0, COMPLETE, ""),
-    "folder deleted": ("shutil.rmtree(folder)", 0, "its file was deleted", "its file was deleted"),
+    "folder deleted": ("shutil.rmtree(folder)", 4, "its file was deleted", "its file was deleted"),
     "_exit": ("os._exit(7)", 7, DIED, "died in law after tick 19"),
     "exec": ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5, DIED, "died in law after tick 19"),
     "sys.exit": ("sys.exit(5)", 3, "20 of 200 done", "SystemExit"),
@@ -42,13 +42,13 @@ ATTACKS = {  # expression in tick 20, exit code, text in the summary, text on st
     "SIGSEGV": ("signal.raise_signal(signal.SIGSEGV)", -signal.SIGSEGV, DIED, "died of SIGSEGV in law"),
     "spinning thread": ("threading.Thread(target=spin).start()", 0, COMPLETE, ""),
     "3 descriptors": ("limit('NOFILE', 3)", 0, COMPLETE, ""),
-    "no descriptors": ("limit('NOFILE', 0)", 0, "the report of the recorder is missing", ""),
+    "no descriptors": ("limit('NOFILE', 0)", 4, "the report of the recorder is missing", ""),
     "files of 0 bytes": ("limit('FSIZE', 0)", 0, COMPLETE, ""),
     "1 MiB of memory": ("limit('AS', 1 << 20)", 0, COMPLETE, ""),
     "no processes": ("limit('NPROC', 0)", 0, COMPLETE, ""),
     "umask": ("os.umask(0o777)", 0, COMPLETE, ""),
-    "descriptors closed": ("os.closerange(3, 1024)", 0, "the report of the recorder is missing", ""),
-    "all closed": ("os.closerange(0, 1024)", 0, "", ""),
+    "descriptors closed": ("os.closerange(3, 1024)", 4, "the report of the recorder is missing", ""),
+    "all closed": ("os.closerange(0, 1024)", 4, "", ""),
     "excepthook": ("setattr(sys, 'excepthook', None)", 0, COMPLETE, ""),
     "modules": ("sys.modules.clear()", 0, COMPLETE, ""),
     "fork": ("os.fork()", 0, COMPLETE, "its child process returned to the loop"),
@@ -92,7 +92,7 @@ def test_a_block_that_corrupts_its_process_does_not_damage_the_recording(tmp_pat
     assert {path.name for path in tmp_path.iterdir()} <= {"out", "robot.py", "__pycache__"}
     files = Files(tmp_path / "out")
     assert sorted(name.partition(".")[2] for name in files.names) == ["csv", "json", "mcap"]
-    rows = 200 if code == 0 else files.sidecar["ticks"]
+    rows = 200 if code in (0, 4) else files.sidecar["ticks"]
     assert len(files.table["tick"]) == rows >= 20 and files.table["tick"].tolist() == list(range(rows))
 
 
@@ -141,9 +141,25 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path):
         text=True,
         preexec_fn=lower,
     )
-    assert process.returncode == 0 and "12000 of 12000 done" in process.stdout, process.stderr
+    assert process.returncode == 4 and "12000 of 12000 done" in process.stdout, process.stderr
+    assert process.stdout.startswith("THE RECORDING IS NOT COMPLETE: incomplete: out/robot_")
+    assert "plot the recording" not in process.stdout
     assert "File too large" in process.stdout and "Traceback" not in process.stderr
     assert_no_process(str(tmp_path))
+
+
+def test_a_recording_needs_neither_a_usable_time_zone_nor_the_working_folder(tmp_path):
+    """What describes a recording is null where it cannot be had."""
+    path, gone = knee(tmp_path), tmp_path / "gone"
+    text = path.read_text().replace("import math", "import math, os, shutil, tempfile", 1)
+    path.write_text(text + "\nshutil.rmtree(os.getcwd())\n")
+    gone.mkdir()
+    out = tmp_path / "out"
+    process = finished(path, "--fast", "--duration", "1", "--record", out, cwd=gone, TZ="XYZ-99:99:99", cold=True)
+    assert (process.returncode, process.stderr) == (0, "") and not gone.exists()
+    files = Files(out)
+    assert files.sidecar["began"] is None and len(files.table["tick"]) == 200
+    assert files.sidecar["versions"]["tickwork"] and files.sidecar["machine"]["processors"]
 
 
 def test_a_working_folder_that_was_deleted_is_reported(tmp_path):
