@@ -19,7 +19,7 @@ from runtime.console.terminal import print_lines, program
 from runtime.doctor import examine
 from runtime.doctor.script import script
 from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
-from runtime.machine.probe import Machine
+from runtime.machine.probe import PI, Machine
 
 if TYPE_CHECKING:
     from runtime.machine.finding import Finding
@@ -89,9 +89,11 @@ def main(arguments: Sequence[str]) -> int:
         help="check another machine: a folder with its files, and the outputs of its commands in DIR/commands",
     )
     options = parser.parse_args(arguments)
-    if (options.hotspot or options.remote_desktop) and not options.script:
-        raise BadInput("--hotspot and --remote-desktop are parts of the script: add --script")
+    if (options.overlays or options.hotspot or options.remote_desktop) and not options.script:
+        raise BadInput("--overlay, --hotspot and --remote-desktop are parts of the script: add --script")
     machine = Machine(options.root)
+    if options.overlays and machine.kind != PI:
+        raise BadInput(f"--overlay is for a Raspberry Pi, and this machine is {machine.model or 'none'}")
     user = options.user or (os.environ.get("SUDO_USER") if machine.here else None)
     wants = Wants(
         bitrate=options.bitrate,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from runtime.doctor import access
 from runtime.machine.can import speed
 from runtime.machine.finding import OK
+from runtime.machine.probe import PI
 from runtime.machine.realtime import GROUP, LIMITS_FILE
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ def script(machine: Machine, wants: Wants, findings: Sequence[Finding], program:
     for finding in findings:
         if finding.part and finding.verdict != OK:
             wanting.setdefault(finding.part, []).append(finding)
+    if wants.overlays and machine.kind == PI:
+        wanting.setdefault("overlay", [])
     about = _one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
     requested = access.parts(machine, wants)
     if not wanting and not requested:
@@ -175,16 +178,17 @@ can_raw
 mttcan
 END
 run modprobe -a can can_raw mttcan
-{can_files(wants, "can*")}"""
+{can_files(wants)}"""
 
 
 def overlay(wants: Wants, findings: Sequence[Finding]) -> str:
-    """Return the part for a Raspberry Pi's CAN overlays.
+    """Return the part for a Raspberry Pi's CAN overlays. findings : none if it has a CAN interface already
 
     Source: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: manufacturers of the HATs.
     """
     if wants.overlays:
-        lines = "\n".join(f"config_line {shlex.quote('dtoverlay=' + text)}" for text in wants.overlays)
+        chosen = [f"config_line {shlex.quote('dtoverlay=' + text)}" for text in wants.overlays]
+        lines = "\n".join(["# --overlay", *chosen])
     else:
         lines = """\
 # The line depends on the HAT, its crystal and its interrupt pin. Uncomment yours, or pass it to the doctor:
@@ -195,30 +199,32 @@ def overlay(wants: Wants, findings: Sequence[Finding]) -> str:
     return f"""
 config_line 'dtparam=spi=on'
 {lines}
-{can_files(wants, "can*")}"""
+{can_files(wants) if findings else ""}"""
 
 
 def _can(wants: Wants, findings: Sequence[Finding]) -> str:
     names = list(dict.fromkeys(finding.subject for finding in findings))
     downs = "\n".join(f"run ip link set {shlex.quote(name)} down" for name in names)
-    return can_files(wants, " ".join(names), downs)
+    return can_files(wants, names, downs)
 
 
-def can_files(wants: Wants, names: str, downs: str = "") -> str:
+def can_files(wants: Wants, names: Sequence[str] = (), downs: str = "") -> str:
     """Return the files that configure CAN interfaces.
 
     A unit for systemd-networkd sets the bitrate and brings the interface up; a udev rule sets the queue length, which
-    older versions of networkd lack.
+    older versions of networkd lack. They apply to every `can*`, so that the script of a second interface, which
+    replaces them, leaves the first one configured. names : interfaces, of which those named otherwise are added
     """
+    names = ["can*", *(name for name in names if not name.startswith("can"))]
     queues = "\n".join(
         f'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="{name}", ATTR{{tx_queue_len}}="{wants.queue}"'
-        for name in names.split()
+        for name in names
     )
     return f"""
 # {speed(wants.bitrate)}, restart {wants.restart} ms after a bus-off, transmit queue of one tick ({wants.queue} frames).
 put /etc/systemd/network/80-tickwork-can.network <<'END'
 [Match]
-Name={names}
+Name={" ".join(names)}
 
 [Link]
 RequiredForOnline=no

@@ -90,13 +90,19 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
             ["--script", "--hotspot", "a b"],
             "--hotspot a b: expected 1 to 32 letters, digits, dots, hyphens and underscores",
         ),
-        (["--hotspot", "leg"], "--hotspot and --remote-desktop are parts of the script: add --script"),
-        (["--remote-desktop"], "--hotspot and --remote-desktop are parts of the script: add --script"),
+        (["--overlay", "i2c-gpio"], "--overlay, --hotspot and --remote-desktop are parts of the script: add --script"),
+        (["--hotspot", "leg"], "--overlay, --hotspot and --remote-desktop are parts of the script: add --script"),
+        (["--remote-desktop"], "--overlay, --hotspot and --remote-desktop are parts of the script: add --script"),
         (["--root", "nowhere"], "--root nowhere: no such folder"),
     ],
 )
 def test_doctor_rejects_invalid_options_in_one_line(command_line, words, said):
     assert command_line.refused("doctor", *words) == said
+
+
+def test_overlay_is_refused_where_there_is_no_config_txt(command_line, laid_out):
+    said = command_line.refused("doctor", "--script", "--overlay", "i2c-gpio", "--root", laid_out(ORIN_NANO))
+    assert said.startswith("--overlay is for a Raspberry Pi, and this machine is NVIDIA Jetson Orin Nano")
 
 
 def test_json_and_script_exclude_each_other(command_line):

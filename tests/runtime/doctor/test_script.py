@@ -11,12 +11,14 @@ from runtime.doctor import examine
 from runtime.doctor.script import PARTS, script
 from runtime.machine.finding import Wants
 from runtime.machine.probe import Machine
-from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, ip, lay_out
+from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
 
 NO_CAN_ON_PI = {
     **{name: content for name, content in PI_4.items() if "can0" not in name},
     "/commands/ip -details -json link": ip(),
 }
+FIRST_BUS = can_link("can0", restart=100, queue=128)
+ONE_BUS_ON_PI = {**PI_4, "/sys/class/net/can0/tx_queue_len": "128\n", "/commands/ip -details -json link": ip(FIRST_BUS)}
 NO_CAN_ON_JETSON = {name: content for name, content in ORIN_NANO.items() if "can0" not in name}
 OUTSIDE = {
     **LAPTOP,
@@ -29,6 +31,7 @@ SLEEPY = {**LAPTOP, "/proc/sys/kernel/sched_rt_runtime_us": "0\n"}
 MACHINES = {
     "pi": PI_4,
     "pi without can": NO_CAN_ON_PI,
+    "pi with a bus": ONE_BUS_ON_PI,
     "jetson": ORIN_NANO,
     "jetson without can": NO_CAN_ON_JETSON,
     "laptop": LAPTOP,
@@ -139,10 +142,10 @@ def test_a_can_interface_gets_a_unit_and_a_queue(written, tmp_path):
     said = look(path, tmp_path / "into")
     left = files(tmp_path / "into")
     assert left["etc/systemd/network/80-tickwork-can.network"] == (
-        "[Match]\nName=can0\n\n[Link]\nRequiredForOnline=no\n\n[CAN]\nBitRate=500000\nRestartSec=100ms\n"
+        "[Match]\nName=can*\n\n[Link]\nRequiredForOnline=no\n\n[CAN]\nBitRate=500000\nRestartSec=100ms\n"
     )
     assert left["etc/udev/rules.d/90-tickwork-can.rules"] == (
-        'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="can0", ATTR{tx_queue_len}="128"\n'
+        'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="can*", ATTR{tx_queue_len}="128"\n'
     )
     assert "not run: ip link set can0 down" in said and said.index("not run: ip link set can0 down") < said.index(
         "not run: systemctl restart systemd-networkd"
@@ -160,6 +163,22 @@ def test_hat_overlay_is_added_to_config_txt_once_for_every_model(written, tmp_pa
         "[cm5]\nx=1\n\n[all]\ndtparam=spi=on\n\n[all]\ndtoverlay=mcp251xfd,spi0-0,interrupt=25\n\n[all]\ndtparam=i2c_arm_baudrate=400000\n"
     )
     assert "restart for the changes in config.txt" in said
+
+
+def test_requested_overlay_is_added_where_another_interface_exists(written, tmp_path):
+    """It is the second of a hat, or a hat beside an adapter."""
+    path, text = written(ONE_BUS_ON_PI, overlays=["mcp2515-can1,oscillator=16000000,interrupt=25"])
+    said = look(path, tmp_path / "into")
+    left = files(tmp_path / "into")
+    assert "dtoverlay=mcp2515-can1,oscillator=16000000,interrupt=25" in left["boot/firmware/config.txt"].split("\n")
+    assert "restart for the changes in config.txt" in said and "80-tickwork-can" not in text
+
+
+def test_script_of_a_second_interface_leaves_the_first_one_configured(written, tmp_path):
+    leg = {"/sys/class/net/leg/type": "280\n", "/commands/ip -details -json link": ip(FIRST_BUS, can_link("leg"))}
+    path, _ = written({**ONE_BUS_ON_PI, **leg})
+    look(path, tmp_path / "into")
+    assert "Name=can* leg\n" in files(tmp_path / "into")["etc/systemd/network/80-tickwork-can.network"]
 
 
 def test_without_the_hats_overlay_its_line_is_a_comment(written, tmp_path):
