@@ -16,6 +16,8 @@ from posix.unistd cimport close, write
 from cext.abi cimport FRAME_BYTES
 from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
 
+from cext.ring.sealed_memory import sealed_memory
+
 
 cdef bint put(FrameRing *ring, const Frame *frame) noexcept nogil:
     cdef uint64_t head = ring.head
@@ -31,6 +33,7 @@ cdef bint get(FrameRing *ring, Frame *frame) noexcept nogil:
     if tail == load_u64(&ring.head):
         return False
     frame[0] = ring.frames[tail % RING_FRAMES]
+    frame.length = min(frame.length, <uint8_t>FRAME_BYTES)      # a defective owner may write anything
     store_u64(&ring.tail, tail + 1)
     return True
 
@@ -78,9 +81,7 @@ cdef bint failed(LineEnd *end) noexcept nogil:
 cdef void line_begin(void *context, int64_t began) noexcept nogil:
     """Discard earlier frames, which are not replies."""
     cdef LineEnd *end = <LineEnd *>context
-    cdef Frame frame
-    while get(&end.line.inward, &frame):
-        pass
+    store_u64(&end.line.inward.tail, load_u64(&end.line.inward.head))
     end.began, end.trouble, end.full, end.reported = began, 0, 0, False
 
 
@@ -96,9 +97,8 @@ cdef class Lines:
     def __cinit__(self, int count=0, fd=None):
         cdef Py_buffer buffer
         if fd is None:
-            self.fd = fd = os.memfd_create("tickwork-buses")
             self.made_here = True
-            os.ftruncate(fd, max(count, 1) * sizeof(LineLayout))
+            fd = sealed_memory("tickwork-buses", max(count, 1) * sizeof(LineLayout))
         self.fd = fd
         self.memory = mmap.mmap(fd, 0)
         self.count = len(self.memory) // sizeof(LineLayout)
@@ -121,7 +121,7 @@ cdef class Lines:
         cdef Frame frame
         taken = []
         while len(taken) < most and get(&self.lines[self.at(line)].outward, &frame):
-            taken.append((frame.id, bytes(frame.data[: min(frame.length, <uint8_t>FRAME_BYTES)]), frame.flags))
+            taken.append((frame.id, bytes(frame.data[: frame.length]), frame.flags))
         return taken
 
     def give(self, int line, uint32_t identifier, bytes data, int64_t time, int flags=0) -> None:

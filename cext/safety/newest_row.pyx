@@ -11,7 +11,7 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy
 
 from cext.atomics cimport fence_acquire, load_u64
-from cext.safety.shared_state cimport ROW, Header, SharedLayout, SharedState, record_at
+from cext.safety.shared_state cimport ROW, Header, SharedLayout, SharedState, read_header, record_at
 
 cdef enum:
     ATTEMPTS = 8                # a recorder that keeps up frees records twice a second
@@ -43,23 +43,21 @@ cdef class NewestRow:
         """Read the newest row. Returns whether it is newer than the one before."""
         cdef SharedLayout *page = self.page.layout
         cdef uint64_t head, place, found
-        cdef Header *header
-        cdef uint32_t kind, size
-        cdef bint any
+        cdef Header header
+        cdef bint any, valid
         cdef int attempt
         for attempt in range(ATTEMPTS):
             place = max(self.cursor, load_u64(&page.tail))
             head = load_u64(&page.head)
             found, any = 0, False
             while place < head:
-                header = record_at(page, place)
-                kind, size = header.kind, header.bytes
+                valid = read_header(page, place, head, &header)
                 fence_acquire()
-                if load_u64(&page.tail) > place:
+                if load_u64(&page.tail) > place or not valid:
                     break                                          # overwritten, perhaps
-                if kind == ROW and size == self.size:
+                if header.kind == ROW and header.bytes == self.size:
                     found, any = place, True
-                place += sizeof(Header) + size
+                place += sizeof(Header) + header.bytes
             if place < head:
                 self.cursor = load_u64(&page.tail)
                 continue

@@ -2,7 +2,7 @@
 """Batches of the ring for the recorder: many rows and frames without an object per record."""
 
 from libc.math cimport isfinite
-from libc.stdint cimport int64_t, uint64_t
+from libc.stdint cimport int64_t, uint32_t, uint64_t
 from libc.string cimport memcpy
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
@@ -10,7 +10,9 @@ from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from cext.abi cimport Frame
 from cext.atomics cimport load_u64
 from cext.bus.bits cimport bits_of
-from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, record_at
+from cext.safety.shared_state cimport (
+    FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, damaged, read_header, record_at,
+)
 
 cdef enum:
     BATCH_SIZE = 1 << 18                # bytes
@@ -31,11 +33,15 @@ cdef class Batch:
         self.fill(b"".join(parts))
 
     cdef fill(self, bytes records):
+        """Set the records, of which every header is checked: later they are only read."""
         cdef Py_ssize_t at = 0
         cdef Header *header
         self.records, self.size, self.rows, self.frames, self.newest_at = records, len(records), 0, 0, -1
         while at < self.size:
             header = <Header *>(PyBytes_AS_STRING(records) + at)
+            if self.size - at < <Py_ssize_t>sizeof(Header) or self.size - at - <Py_ssize_t>sizeof(Header) < <Py_ssize_t>(
+                    header.bytes) or header.bytes < least_size(header.kind):
+                raise damaged(at)
             if header.kind == ROW:
                 self.rows += 1
                 self.newest_at = at
@@ -128,17 +134,18 @@ def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, byte
     cdef SharedLayout *layout = page.layout
     cdef uint64_t head = load_u64(&layout.head)
     cdef uint64_t place
-    cdef Header *header
+    cdef Header header
     cdef list records = []
     cdef bytes content
     cdef Py_ssize_t size = 0, total = 0
     cdef char *out
     cdef Batch batch
-    page.cursor = max(page.cursor, layout.tail)                    # another reader has taken records
+    page.cursor = max(page.cursor, load_u64(&layout.tail))         # another reader has taken records
     while page.cursor != head and rows > 0 and total < BATCH_SIZE:
         place, size = page.cursor, 0
         while place != head and rows > 0 and size < BATCH_SIZE:    # the size of the batch
-            header = record_at(layout, place)
+            if not read_header(layout, place, head, &header):
+                raise damaged(place)
             if header.kind == ROW or header.kind == FRAME or header.kind == RECEIVED:
                 size += sizeof(Header) + header.bytes
                 rows -= header.kind == ROW
@@ -149,20 +156,30 @@ def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, byte
             content = PyBytes_FromStringAndSize(NULL, size)
             out = PyBytes_AS_STRING(content)
             while page.cursor != place:
-                header = record_at(layout, page.cursor)
+                if not read_header(layout, page.cursor, place, &header) or (header.kind != PADDING and size < <Py_ssize_t>(
+                        sizeof(Header) + header.bytes)):
+                    raise damaged(page.cursor)
                 if header.kind != PADDING:
-                    memcpy(out, header, sizeof(Header) + header.bytes)
+                    memcpy(out, &header, sizeof(Header))
+                    memcpy(out + sizeof(Header), <char *>record_at(layout, page.cursor) + sizeof(Header), header.bytes)
                     out += sizeof(Header) + header.bytes
+                    size -= sizeof(Header) + header.bytes
+                    total += sizeof(Header) + header.bytes
                 page.cursor += sizeof(Header) + header.bytes
             batch = Batch.__new__(Batch)
             batch.fill(content)
             records.append(batch)
-            total += size
             continue
         page.cursor = place                                        # behind a padding
         if page.cursor != head:
-            header = record_at(layout, page.cursor)
-            records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
+            if not read_header(layout, page.cursor, head, &header):
+                raise damaged(page.cursor)
+            records.append((header.kind, (<char *>record_at(layout, page.cursor) + sizeof(Header))[:header.bytes]))
             page.cursor += sizeof(Header) + header.bytes
             total += sizeof(Header) + header.bytes
     return records
+
+
+cdef inline uint32_t least_size(uint32_t kind) noexcept nogil:
+    """Return the least number of bytes of a record."""
+    return 16 if kind == ROW else sizeof(Frame) if kind == FRAME else sizeof(int64_t) if kind == RECEIVED else 0

@@ -3,12 +3,14 @@
 
 import numpy as np
 
-from libc.stdint cimport int64_t, uint64_t, uintptr_t
+from libc.stdint cimport int64_t, uint8_t, uint64_t, uintptr_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport load_u64, store_u64
-from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, record_at
+from cext.safety.shared_state cimport (
+    FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, damaged, read_header, record_at,
+)
 
 
 def take(SharedState page, int columns):
@@ -28,15 +30,17 @@ def take(SharedState page, int columns):
     cdef uint64_t place = page.cursor
     cdef int64_t row_count = 0
     cdef int64_t sent_count = 0
-    cdef Header *header
-    cdef Frame *frame
+    cdef Header header
+    cdef char *payload
+    cdef int length
     cdef Frame *frames_out
     cdef double *rows_out
     cdef int64_t *before_out
     while place != head:
-        header = record_at(layout, place)
+        if not read_header(layout, place, head, &header):
+            raise damaged(place)
         row_count += header.kind == ROW
-        sent_count += header.kind == FRAME and (<Frame *>(<char *>header + sizeof(Header))).sent != 0
+        sent_count += header.kind == FRAME
         place += sizeof(Header) + header.bytes
     rows = np.empty((row_count, 2 + columns))
     sent = np.empty((sent_count, sizeof(Frame)), dtype=np.uint8)
@@ -47,22 +51,26 @@ def take(SharedState page, int columns):
     others = []
     place = page.cursor
     while place != head:
-        header = record_at(layout, place)
+        if not read_header(layout, place, head, &header):
+            raise damaged(place)
+        payload = <char *>record_at(layout, place) + sizeof(Header)
         if header.kind == ROW:
-            if header.bytes != 8 * <uint64_t>(2 + columns):
+            if header.bytes != 8 * <uint64_t>(2 + columns) or row_count == len(rows):
                 raise ValueError("a row has %d bytes, not %d" % (header.bytes, 8 * (2 + columns)))
-            memcpy(rows_out + row_count * (2 + columns), <char *>header + sizeof(Header), header.bytes)
+            memcpy(rows_out + row_count * (2 + columns), payload, header.bytes)
             row_count += 1
         elif header.kind == FRAME:
-            frame = <Frame *>(<char *>header + sizeof(Header))
-            if frame.sent != 0:
-                frames_out[sent_count] = frame[0]
-                memset(&frames_out[sent_count].data[frame.length], 0, FRAME_BYTES - frame.length)
+            if header.bytes != sizeof(Frame) or sent_count == len(sent):
+                raise damaged(place)
+            memcpy(&frames_out[sent_count], payload, sizeof(Frame))
+            if frames_out[sent_count].sent != 0:
+                length = min(frames_out[sent_count].length, <uint8_t>FRAME_BYTES)
+                memset(frames_out[sent_count].data + length, 0, FRAME_BYTES - length)
                 before_out[sent_count] = row_count
                 sent_count += 1
         elif header.kind != PADDING and header.kind != RECEIVED:
-            others.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
+            others.append((header.kind, payload[:header.bytes]))
         place += sizeof(Header) + header.bytes
     page.cursor = place
     store_u64(&layout.tail, place)
-    return rows, sent, before, others
+    return rows, sent[:sent_count], before[:sent_count], others

@@ -3,6 +3,9 @@
 One memory file, mapped by every process of a run: the layout below, the ring, then the live parameters. The control
 process writes and the others read; only `fence`, `guard`, the requests of the operator, the mailbox and the tails of the
 rings go in the other direction. A tick takes no locks here.
+
+Any of these processes may be defective and write anything at any time. What decides where this process reads and writes
+is therefore private: `Own`, in front of the mapping. What it reads from the layout is copied once and then limited.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
@@ -98,19 +101,42 @@ cdef struct SharedLayout:
     KeyRing keys
     int32_t sending             # not 0: the loop has checked the fence, and may be sending commands
 
+cdef struct Own:                # of one process, in front of its mapping of the layout
+    uint64_t capacity           # of the ring
+    uint64_t head               # of the ring, if this process is its producer
+    uint64_t reserved           # bytes from there to the end of the record that is being written
+    int64_t live_count, live_bytes
+    size_t size                 # of the whole mapping, with the memory in front of the layout
+    void *begin                 # of it
+
 cdef struct Shown:              # a live parameter, after the ring; the JSON follows them
     double value                # in the newest tick
     double target               # of its ramp
 
+cdef inline Own *own(const SharedLayout *page) noexcept nogil:
+    return <Own *>(<char *>page - sizeof(Own))
+
 cdef inline char *ring(SharedLayout *page) noexcept nogil:
     return <char *>page + sizeof(SharedLayout)
 
+cdef inline uint64_t offset_of(SharedLayout *page, uint64_t place) noexcept nogil:
+    """Return the offset in the ring of a head, tail or cursor: with space for a header, whatever the place."""
+    return place & (own(page).capacity - 1) & ~<uint64_t>7
+
 cdef inline Header *record_at(SharedLayout *page, uint64_t place) noexcept nogil:
     """Return the record of the ring at a head, tail or cursor."""
-    return <Header *>(ring(page) + (place & (page.capacity - 1)))
+    return <Header *>(ring(page) + offset_of(page, place))
+
+cdef inline bint read_header(SharedLayout *page, uint64_t place, uint64_t head, Header *copy) noexcept nogil:
+    """Copy the header of a record. Returns whether the record lies between `place` and `head`, and in the ring."""
+    cdef uint64_t size
+    copy[0] = record_at(page, place)[0]
+    size = sizeof(Header) + <uint64_t>copy.bytes
+    return place % 8 == 0 and size % 8 == 0 and size <= head - place <= own(page).capacity and (
+        offset_of(page, place) + size <= own(page).capacity)
 
 cdef inline Shown *shown(SharedLayout *page) noexcept nogil:
-    return <Shown *>(ring(page) + page.capacity)
+    return <Shown *>(ring(page) + own(page).capacity)
 
 cdef inline void set_out(SharedLayout *page, int device, bint out) noexcept nogil:
     """Show whether a drive is taken out. device : number in the schedule, below DEVICE_LIMIT"""
@@ -124,37 +150,38 @@ cdef inline void *reserve(SharedLayout *page, uint32_t kind, uint32_t size) noex
 
     size : a multiple of 8. Nothing is visible before `commit`.
     """
-    cdef uint64_t head = page.head
-    cdef uint64_t free = page.capacity - (head - load_u64(&page.tail))
-    cdef uint64_t to_end = page.capacity - (head & (page.capacity - 1))
-    cdef uint64_t need = sizeof(Header) + size
+    cdef Own *mine = own(page)
+    cdef uint64_t used = mine.head - load_u64(&page.tail)
+    cdef uint64_t to_end = mine.capacity - offset_of(page, mine.head)
+    cdef uint64_t need = sizeof(Header) + <uint64_t>size
     cdef Header *header
+    if used > mine.capacity or need + (to_end if need > to_end else 0) > mine.capacity - used:
+        return NULL
     if need > to_end:                       # a record never wraps: pad to the end and start over
-        if need + to_end > free:
-            return NULL
-        header = record_at(page, head)
+        header = record_at(page, mine.head)
         header.kind = PADDING
         header.bytes = <uint32_t>(to_end - sizeof(Header))
-        head += to_end
-        store_u64(&page.head, head)
-    elif need > free:
-        return NULL
-    header = record_at(page, head)
+        mine.head += to_end
+        store_u64(&page.head, mine.head)
+    header = record_at(page, mine.head)
     header.kind = kind
     header.bytes = size
+    mine.reserved = need
     return <char *>header + sizeof(Header)
 
 cdef inline void commit(SharedLayout *page) noexcept nogil:
-    cdef Header *header = record_at(page, page.head)
-    store_u64(&page.head, page.head + sizeof(Header) + header.bytes)
+    own(page).head += own(page).reserved
+    store_u64(&page.head, own(page).head)
+
+cdef object damaged(uint64_t place)
 
 cdef class SharedState:
     cdef SharedLayout *layout
-    cdef object memory
     cdef readonly int fd
     cdef uint64_t cursor            # bytes that `drain` has read; the ring's tail follows
     cdef bint made_here             # created by this process
     cdef bint held                  # a thread of this process has the loop's mutex
     cdef bint guarding              # a thread of this process has the guardian's mutex
 
+    cdef int map_file(self, uint64_t capacity, int64_t live_count, int64_t live_bytes) except -1
     cpdef let_go(self)

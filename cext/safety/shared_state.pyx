@@ -1,12 +1,11 @@
 # cython: freethreading_compatible=True
 """Shared state from Python: created by the control process, read by the recorder."""
 
-import mmap
 import os
 
-from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
 from libc.string cimport memcpy, memset
-from posix.unistd cimport close
+from posix.mman cimport MAP_ANON, MAP_FAILED, MAP_FIXED, MAP_PRIVATE, MAP_SHARED, PROT_READ, PROT_WRITE, mmap, munmap
+from posix.unistd cimport _SC_PAGESIZE, close, sysconf
 
 from cext.atomics cimport load_i32_in_order, store_i32_in_order
 from cext.clock.histogram cimport buckets, summary
@@ -17,11 +16,17 @@ from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 from cext.safety.suspend cimport suspended_since
 
+from cext.ring.sealed_memory import sealed_memory
+
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
 ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
 STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
+
+
+cdef object damaged(uint64_t place):
+    return ValueError("the ring of the recording is damaged at byte %d: another process has overwritten it" % place)
 
 
 cdef class SharedState:
@@ -33,40 +38,64 @@ cdef class SharedState:
     """
 
     def __cinit__(self, capacity=1 << 22, fd=None, live=(0, b"")):
-        cdef Py_buffer buffer
         if fd is None:
             room = 1 << max(12, (int(capacity) - 1).bit_length())
-            self.fd = fd = os.memfd_create("tickwork")
             self.made_here = True
-            os.ftruncate(fd, sizeof(SharedLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
-        self.fd = fd
-        self.memory = mmap.mmap(fd, 0)
-        if len(self.memory) <= <Py_ssize_t>sizeof(SharedLayout):
-            raise ValueError("file descriptor %d is not the shared state of a run" % fd)
-        PyObject_GetBuffer(self.memory, &buffer, PyBUF_WRITABLE)
-        self.layout = <SharedLayout *>buffer.buf
-        PyBuffer_Release(&buffer)                  # self.memory keeps the mapping
-        if self.layout.magic == 0:
-            if not self.made_here:
-                raise ValueError("file descriptor %d is the shared state of a run that is not initialized yet" % fd)
+            self.fd = sealed_memory("tickwork", sizeof(SharedLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
+            self.map_file(room, live[0], len(live[1]))
             self.layout.capacity = room
             self.layout.tick = self.layout.at = -1
             self.layout.asleep = suspended_time()
-            memset(ring(self.layout), 0, self.layout.capacity)     # touch every page before the loop does
+            memset(ring(self.layout), 0, room)         # touch every page before the loop does
             self.layout.control = os.getpid()
             failed = make_hold(&self.layout.hold) or make_hold(&self.layout.guard_hold)
             if failed:
                 raise OSError(failed, os.strerror(failed))
             self.layout.live_count, self.layout.live_bytes = live[0], len(live[1])
-            self.memory[len(self.memory) - len(live[1]) :] = live[1]
+            memcpy(shown(self.layout) + <int64_t>live[0], <const char *>live[1], len(live[1]))
             store_u64(&self.layout.magic, MAGIC)
-        elif self.layout.magic != MAGIC:
-            raise ValueError("file descriptor %d is not the shared state of a run" % fd)
+        else:
+            self.fd = fd
+            self.map_file(0, 0, 0)
+
+    cdef int map_file(self, uint64_t capacity, int64_t live_count, int64_t live_bytes) except -1:
+        """Map the file, with private memory in front of it.
+
+        capacity : bytes of the ring, of a file that this process has created; 0 for another, which states all three
+        """
+        cdef Py_ssize_t page = sysconf(_SC_PAGESIZE)
+        cdef Py_ssize_t size = os.fstat(self.fd).st_size
+        cdef char *begin
+        cdef Own *mine
+        if size <= <Py_ssize_t>sizeof(SharedLayout):
+            raise ValueError("file descriptor %d is not the shared state of a run" % self.fd)
+        begin = <char *>mmap(NULL, page + size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANON, -1, 0)
+        if begin == MAP_FAILED:
+            raise MemoryError
+        mine = <Own *>(begin + page - sizeof(Own))
+        mine.begin, mine.size = begin, page + size
+        if mmap(begin + page, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED, self.fd, 0) == MAP_FAILED:
+            munmap(begin, page + size)
+            raise MemoryError
+        self.layout = <SharedLayout *>(begin + page)
+        if capacity == 0:
+            if self.layout.magic != MAGIC:
+                raise ValueError("file descriptor %d is not the shared state of a run%s" % (
+                    self.fd, "" if self.layout.magic else " that is initialized"))
+            capacity, live_count, live_bytes = self.layout.capacity, self.layout.live_count, self.layout.live_bytes
+        if (not 4096 <= capacity <= <uint64_t>size or capacity & (capacity - 1) or not 0 <= live_count <= size
+                or not 0 <= live_bytes <= size or size != <Py_ssize_t>(
+                    sizeof(SharedLayout) + capacity + live_count * sizeof(Shown) + live_bytes)):
+            raise ValueError("the shared state behind file descriptor %d has sizes that contradict each other" % self.fd)
+        mine.capacity, mine.live_count, mine.live_bytes = capacity, live_count, live_bytes
+        return 0
 
     def __dealloc__(self):
-        self.let_go()
-        if self.guarding:
-            pthread_mutex_unlock(&self.layout.guard_hold)
+        if self.layout != NULL:
+            self.let_go()
+            if self.guarding:
+                pthread_mutex_unlock(&self.layout.guard_hold)
+            munmap(own(self.layout).begin, own(self.layout).size)
         if self.made_here:
             close(self.fd)
 
@@ -103,6 +132,8 @@ cdef class SharedState:
         Returns False if the ring is full.
         """
         payload += b" " * ((8 - len(payload) % 8) % 8)
+        if not self.made_here:                          # the process that has created the page has died
+            own(self.layout).head = load_u64(&self.layout.head) & ~<uint64_t>7
         cdef void *room = reserve(self.layout, kind, <uint32_t>len(payload))
         if room == NULL:
             return False
@@ -114,14 +145,14 @@ cdef class SharedState:
         """Take up to `most` records out of the ring. Returns a list of (kind, payload in bytes)."""
         cdef SharedLayout *page = self.layout
         cdef uint64_t head = load_u64(&page.head)
-        cdef Header *header
+        cdef Header header
         cdef list records = []
-        if self.cursor < page.tail:                     # another reader has taken records
-            self.cursor = page.tail
+        self.cursor = max(self.cursor, load_u64(&page.tail))       # another reader has taken records
         while self.cursor != head and len(records) < most:
-            header = record_at(page, self.cursor)
+            if not read_header(page, self.cursor, head, &header):
+                raise damaged(self.cursor)
             if header.kind != PADDING:
-                records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
+                records.append((header.kind, (<char *>record_at(page, self.cursor) + sizeof(Header))[:header.bytes]))
             self.cursor += sizeof(Header) + header.bytes
             store_u64(&page.tail, self.cursor)
         return records
@@ -147,7 +178,7 @@ cdef class SharedState:
     @property
     def held(self) -> float:
         """Fraction of the ring that was drained but not released."""
-        return (self.cursor - self.layout.tail) / <double>self.layout.capacity
+        return (self.cursor - self.layout.tail) / <double>own(self.layout).capacity
 
     def raise_fence(self) -> None:
         """Raise the fence permanently: no process of this run sends command frames from now on."""
@@ -244,8 +275,9 @@ cdef class SharedState:
 
     @property
     def state(self) -> str:
-        """State of the life cycle, one of STATES."""
-        return STATES[load_i32(&self.layout.state)]
+        """State of the life cycle, one of STATES: "running" if a defective process has overwritten it."""
+        cdef int32_t state = load_i32(&self.layout.state)
+        return STATES[state if 0 <= state < len(STATES) else RUNNING]
 
     @property
     def empty(self) -> bool:
@@ -302,12 +334,12 @@ cdef class SharedState:
     @property
     def live(self) -> bytes:
         """Description of the live parameters, as bytes."""
-        return self.memory[len(self.memory) - self.layout.live_bytes :]
+        return (<char *>(shown(self.layout) + own(self.layout).live_count))[: own(self.layout).live_bytes]
 
     def live_values(self) -> list[tuple[float, float]]:
         """Return (value in the newest tick, target) of each live parameter."""
         cdef Shown *values = shown(self.layout)
-        return [(values[index].value, values[index].target) for index in range(self.layout.live_count)]
+        return [(values[index].value, values[index].target) for index in range(own(self.layout).live_count)]
 
     @property
     def wall(self) -> int:

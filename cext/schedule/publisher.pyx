@@ -15,7 +15,7 @@ from cext.ring.mailbox cimport CHANGES, LETTERS, Change
 from cext.ring.operator cimport NO_CONSENT, take_consent
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport (
-    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, store_u64, swap_i32,
+    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, own, reserve, store_i32, store_i64, store_u64, swap_i32,
 )
 from cext.safety.suspend cimport fence_after_suspend, suspended_since
 from cext.posix cimport POLLIN, poll, pollfd
@@ -48,9 +48,9 @@ cdef class Publisher:
 
     def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
                  int64_t guard=0, rows=None, drain=None, Program plant=None):
-        if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
+        if page is not None and 16 * (3 + program.column_count) > <int64_t>own(page.layout).capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (
-                page.layout.capacity, 2 + program.column_count))
+                own(page.layout).capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
         self.guard = guard
@@ -61,7 +61,7 @@ cdef class Publisher:
         self.most += LETTERS * (8 + CHANGES * sizeof(Change)) + 2 * (8 + sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:
-            self.most = min(self.most, page.layout.capacity // 2)          # a smaller ring drops records
+            self.most = min(self.most, own(page.layout).capacity // 2)          # a smaller ring drops records
         self.records = page is not None or rows is not None
         self.drain, self.drains = drain, drain is not None and page is not None and virtual
         self.plant = None if rows is None else plant
@@ -246,13 +246,13 @@ cdef class Publisher:
             return stopping
         if page == NULL or not self.virtual:
             return True
-        allowed = min(page.capacity - self.most, max(BACKLOG, self.most))
-        if page.head - load_u64(&page.tail) <= allowed:
+        allowed = min(own(page).capacity - self.most, max(BACKLOG, self.most))
+        if own(page).head - load_u64(&page.tail) <= allowed:
             return True
         if self.drains:
             return self.drain_here() or stopping
         since = monotonic()
-        while page.head - load_u64(&page.tail) > allowed and self.wait_for_reader():
+        while own(page).head - load_u64(&page.tail) > allowed and self.wait_for_reader():
             attempts -= 1
             if attempts == 0 if stopping else self.caught[0] != 0 or load_u64(&page.operator.stop) != 0:
                 break

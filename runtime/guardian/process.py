@@ -272,7 +272,8 @@ class Guardian:
         if self.page.hung is not None:
             self.verdict["block"] = self._block_name()
         if self.page.crashed:
-            self.verdict["signal"] = signal.Signals(self.page.crashed).name
+            with suppress(ValueError):  # a defective process may have overwritten the number
+                self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 wire.listen(replies_of(self.devices, index))
@@ -324,7 +325,8 @@ class Guardian:
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
-        return self.items[self.page.hung] if self.page.hung is not None and self.page.hung >= 0 else "the tick"
+        item = self.page.hung
+        return self.items[item] if item is not None and 0 <= item < len(self.items) else "the tick"
 
     def carry(self) -> None:
         """Send the frames of the loop; behind the fence only those of the safe stop."""
@@ -457,7 +459,7 @@ def _in_words(verdict):
 
 def _cause(verdict):
     """Return ' of SIGSEGV in left/law', if the process reported its signal, else ''."""
-    return f" of {verdict['signal']} in {verdict['block']}" if "signal" in verdict else ""
+    return f" of {verdict['signal']} in {verdict.get('block', 'the tick')}" if "signal" in verdict else ""
 
 
 def _obtain_privileges(priority):
