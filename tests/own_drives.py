@@ -4,6 +4,7 @@ They speak the bytes of their manuals, independently of the library's emulators,
 report without being asked, answer late, and share an id.
 """
 
+import math
 from typing import NamedTuple
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
@@ -45,6 +46,10 @@ class Family:
         """The frame that it sends without being asked."""
         return self.state(*arguments, **options)
 
+    def answers(self, kind):
+        """Whether a drive replies to a frame of this kind."""
+        return True
+
     def other(self, identifier, extended, data, can_id, written):
         """Frames in answer to a frame that is not answered with the state. written : {index: value} of the drive"""
         return []
@@ -52,7 +57,7 @@ class Family:
 
 class V3(Family):
     block, model = CubeMarsV3, "AK80-9-V3.0"
-    constant = 0.5701
+    constant, gear = 0.5701, 9
 
     def kind(self, identifier, extended, data, can_id):
         if not extended or identifier & 0xFF != can_id:
@@ -61,12 +66,22 @@ class V3(Family):
 
     def state(self, can_id, torque, enabled, position=POSITION, echo=False):
         current = round(torque / self.constant / 0.01)
-        data = bytes.fromhex("00900000") + current.to_bytes(2, "big", signed=True)
+        angle = round(math.degrees(position) * self.gear * 10.0)
+        data = angle.to_bytes(2, "big", signed=True) + bytes(2) + current.to_bytes(2, "big", signed=True)
         return Frame(0x29 << 8 | can_id, True, data + bytes([25, 0x77 * echo]))
 
 
+class V3Reports(V3):
+    """With reports of its own in place of replies, but to the disable."""
+
+    options = {"report_rate": 200.0}
+
+    def answers(self, kind):
+        return kind == "disable"
+
+
 class Servo(V3):
-    block, model, names = CubeMarsServo, "AK80-9", ("current_command",)
+    block, model, names, options = CubeMarsServo, "AK80-9", ("current_command",), {"report_rate": 200.0}
     constant = 0.945
 
     def kind(self, identifier, extended, data, can_id):
@@ -76,6 +91,9 @@ class Servo(V3):
 
     def state(self, can_id, torque, enabled, position=POSITION, echo=False):
         return super().state(can_id, torque, enabled, position)
+
+    def answers(self, kind):
+        return False
 
 
 class Private(Family):
@@ -96,6 +114,8 @@ class Private(Family):
             return []
         if identifier >> 24 == 18:
             written[data[:2]] = data[4:]
+        if identifier >> 24 == 0 and "unique" in written:
+            return [Frame(can_id << 8 | 0xFE, True, written["unique"])]
         if identifier >> 24 == 17:
             return [Frame(17 << 24 | can_id << 8 | HOST, True, data[:4] + written.get(data[:2], bytes(4)))]
         return []
@@ -126,6 +146,7 @@ class MitProtocol(Family):
 FAMILIES = {
     "mit": Family(),
     "v3": V3(),
+    "v3 reports": V3Reports(),
     "servo": Servo(),
     "robstride": Private(),
     "robstride reports": PrivateReports(),
@@ -143,6 +164,7 @@ class OwnDrive:
     reported : N·m that it reports in place of its torque, or None
     before : whether it packs its reply before it unpacks the command
     position : rad
+    unique : number that identifies it, 8 bytes; None for a drive that does not answer this question
 
     zeros : (identifier, data) of the commands of zero torque; torque : N·m that it makes
     """
@@ -159,10 +181,11 @@ class OwnDrive:
         before=False,
         silent=False,
         position=POSITION,
+        unique=None,
     ):
         self.family, self.can_id, self.hold, self.misses_stop = family, can_id, hold, misses_stop
         self.reports, self.reported, self.before, self.silent = reports, reported, before, silent
-        self.position, self.written = position, {}
+        self.position, self.written = position, {} if unique is None else {"unique": unique}
         self.enabled = self.deaf = False
         with Diagram("alone", rate=200):
             block = family.block(family.model, can_id=can_id, **family.options)
@@ -190,7 +213,7 @@ class OwnDrive:
         self.heard.append((now, kind))
         earlier = self.state(kind == "disable")
         self.obey(kind)
-        if self.silent or self.family.block is CubeMarsServo:
+        if self.silent or not self.family.answers(kind):
             return []
         return [earlier if self.before else self.state(kind == "disable")]
 
@@ -207,7 +230,7 @@ class OwnDrive:
     def advance(self, now):
         """Reports that are due. now : ns"""
         frames = []
-        if self.misses_stop and not self.deaf and self.family.block not in (CubeMarsV3, CubeMarsServo):
+        if self.misses_stop and not self.deaf and self.family.answers("command"):
             self.due = now + 1  # before the stop, replies that nothing asks for would end the run
         while self.reports and self.due <= now:
             self.due += round(1e9 / self.reports)
@@ -220,11 +243,13 @@ class Wired(Block):
 
     drives : OwnDrive; transit : function that returns the ns that the next reply is under way; rate : Hz of the plant
     lost : function that returns whether the next frame is lost
+    merges : whether equal frames that two drives send at once are one on the wire, as their bits are
     """
 
     torque = Output("N·m")
 
-    def __init__(self, drives, rate, transit=lambda: 0, lost=lambda: False, **options):
+    def __init__(self, drives, rate, transit=lambda: 0, lost=lambda: False, merges=False, **options):
+        self.merges = merges
         self.drives, self.period, self.transit, self.lost = drives, round(1e9 / rate), transit, lost
         self.queue, self.end = [], None
         super().__init__(**options)
@@ -232,8 +257,9 @@ class Wired(Block):
     def step(self, tick):
         now = tick * self.period
         for identifier, extended, data, _ in self.end.receive():
-            for drive in self.drives:
-                self.queue += [(now + self.transit(), frame) for frame in drive.hear(identifier, extended, data, now)]
+            answers = [answer for drive in self.drives for answer in drive.hear(identifier, extended, data, now)]
+            answers = dict.fromkeys(answers) if self.merges else answers
+            self.queue += [(now + self.transit(), frame) for frame in answers]
         for drive in self.drives:
             self.queue += [(now + self.transit(), frame) for frame in drive.advance(now)]
         for due, frame in [entry for entry in self.queue if entry[0] <= now]:

@@ -1,7 +1,7 @@
 """Reply frames and their fields, described without a decoder: graph.ReplyField in native memory."""
 
-from libc.stdint cimport uint8_t, uint32_t, uint64_t
-from libc.string cimport memcmp, memcpy
+from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t
+from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport EXTENDED, FRAME_BYTES, Frame
 
@@ -78,4 +78,17 @@ cdef inline bint read_field(const Field *field, const Frame *frame, double *valu
     if field.signed:
         code ^= <uint64_t>1 << (field.bits - 1)
     value[0] = field.low + code * field.step
+    return True
+
+
+cdef inline bint fill_frame(Frame *frame, uint32_t identifier, bytes data, int64_t now):
+    """Fill a frame that arrived at `now`, in ns. Returns False if it has too many bytes.
+
+    identifier : with the flag bits of struct can_frame
+    """
+    memset(frame, 0, sizeof(Frame))
+    if len(data) > FRAME_BYTES:
+        return False
+    frame.id, frame.length, frame.time = identifier, <uint8_t>len(data), now
+    memcpy(frame.data, <const char *>data, len(data))
     return True

@@ -10,13 +10,12 @@ it is within the limit at every speed that the drive can encode.
 """
 
 from libc.math cimport INFINITY, fabs
-from libc.stdint cimport uint8_t, uint32_t
+from libc.stdint cimport uint32_t
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcpy, memset
 
-from cext.abi cimport FRAME_BYTES
+from cext.abi cimport Frame
 from cext.bus.batch cimport load_batch
-from cext.safety.reply_field cimport find_pattern, load_field, load_patterns, read_field
+from cext.safety.reply_field cimport fill_frame, find_pattern, load_field, load_patterns, read_field
 
 
 cdef class SpeedBands:
@@ -93,12 +92,7 @@ cdef class SpeedBands:
         now : ns, arrival of the frame
         """
         cdef Frame frame
-        if len(data) > FRAME_BYTES:
-            return False
-        memset(&frame, 0, sizeof(Frame))
-        frame.id, frame.length, frame.time = identifier, <uint8_t>len(data), now
-        memcpy(frame.data, <const char *>data, len(data))
-        return self.note(&frame)
+        return fill_frame(&frame, identifier, data, now) and self.note(&frame)
 
     def frames(self, int64_t now) -> list[tuple[int, bytes]]:
         """Call `choose` from Python. Returns a list of (identifier with the flag bits of struct can_frame, data)."""

@@ -19,11 +19,9 @@ The loop and the guardian use this class.
 
 cimport cython
 from libc.math cimport NAN, fabs
-from libc.stdint cimport uint8_t
-from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAME_BYTES, ID_MASK
-from cext.safety.reply_field cimport find_pattern, load_field, load_patterns, read_field
+from cext.safety.reply_field cimport fill_frame, find_pattern, load_field, load_patterns, read_field
 from cext.safety.thresholds cimport STOP_LISTEN_LIMIT, STOP_REPORTS, STOP_REST
 
 
@@ -169,9 +167,4 @@ cdef class StopConfirmation:
         now : ns, arrival of the frame
         """
         cdef Frame frame
-        if len(data) > FRAME_BYTES:
-            return False
-        memset(&frame, 0, sizeof(Frame))
-        frame.id, frame.length, frame.time = identifier, <uint8_t>len(data), now
-        memcpy(frame.data, <const char *>data, len(data))
-        return self.note(&frame)
+        return fill_frame(&frame, identifier, data, now) and self.note(&frame)

@@ -25,7 +25,8 @@ cpdef enum:
     STOP_REPORTS = 2
     # ns: duration of the rest of such a drive, if its protocol has no answer to a disable
     STOP_REST = 20000000
-    # ns: longest time for which a safe stop waits for the replies of one drive before it sends the next frames to it
+    # ns: longest time for which a safe stop waits for the replies of one drive before it sends the next frames to it;
+    #     and for which arming waits for the last answer to a disable of a drive that reports by itself
     STOP_LISTEN_LIMIT = 50000000
 
     # ns: age of a confirmation by the operator, from the key press, above which it has no effect
@@ -39,6 +40,8 @@ cpdef enum:
     TWIN_REPLIES = 10
     # ns: time after which a reply counts as lost in that comparison
     TWIN_LATE = 500000000
+    # periods: reports of a drive that reports by itself which arming compares, at least, before it is complete
+    TWIN_PERIODS = 4
 
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000

@@ -24,9 +24,10 @@ cdef inline void begin_asking(DeviceTable table, Device *device, bint looked) no
     device.replies_wanted = 1 if asked or sends else 0
 
 
-cdef inline void begin_enabling(Device *device) noexcept nogil:
+cdef inline void begin_enabling(Device *device, int64_t now) noexcept nogil:
     measure_again(&device.transit)
     device.enabling = True
+    device.enabled_since = now
     device.replies = device.rounds = 0
     device.replies_wanted = device.zero.count
 
@@ -59,7 +60,8 @@ cdef inline int send_round(
                 questions += device.enable.count
             device.rounds += 1
         status |= buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
-        note_questions(&device.twins, questions, now)
+        if device.twins.period == 0:
+            note_questions(&device.twins, questions, now)
         note_asked(&device.transit, questions, now, now, -1)
         return status
     if set_up and device.set_up.count > 0 and not table.has_replied(device):
@@ -72,6 +74,7 @@ cdef inline int send_round(
     if zero_while_arming(table, events, number):
         status |= buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
         questions += device.set_zero.count
-    note_questions(&device.twins, questions, now)
+    if device.twins.period == 0 or device.twins.answers_disable:
+        note_questions(&device.twins, questions, now)
     note_asked(&device.transit, questions - without_sample, now, now, -1)
     return status

@@ -18,7 +18,6 @@ cdef class DeviceArming:
     cdef void enable(self) noexcept nogil
     cdef bint enable_answered(self) noexcept nogil
     cdef bint advance(self, int *status) noexcept nogil
-    cdef bint is_enabling(self) noexcept nogil
     cdef int fitness(self) noexcept nogil
     cdef bint was_unheard(self) noexcept nogil
     cdef bint all_answered(self) noexcept nogil

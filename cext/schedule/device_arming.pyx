@@ -62,7 +62,7 @@ cdef class DeviceArming:
         """Enable every actuator from now on."""
         cdef int number
         for number in range(self.table.count):
-            begin_enabling(&self.table.devices[number])
+            begin_enabling(&self.table.devices[number], self.table.now)
 
     cdef bint enable_answered(self) noexcept nogil:
         """Enable the actuators that have answered. Returns whether there are any."""
@@ -72,7 +72,7 @@ cdef class DeviceArming:
         for number in range(self.table.count):
             device = &self.table.devices[number]
             if device.zero.count > 0 and not device.enabling and self.table.has_answered(device):
-                begin_enabling(device)
+                begin_enabling(device, self.table.now)
                 found = True
         return found
 
@@ -83,20 +83,12 @@ cdef class DeviceArming:
         """
         if not self.all_answered():
             return False
-        if self.is_enabling():
+        if all_are(self.table, is_enabling):
             return True
         status[0] = self.fitness()
         if status[0] == OK:
             self.enable()
         return status[0] == OK and self.all_answered()
-
-    cdef bint is_enabling(self) noexcept nogil:
-        """Return whether the last phase of arming has begun."""
-        cdef int number
-        for number in range(self.table.count):
-            if not self.table.devices[number].enabling:
-                return False
-        return True
 
     cdef int fitness(self) noexcept nogil:
         """Return OK, or why a drive would fault as soon as it is enabled."""
@@ -111,30 +103,14 @@ cdef class DeviceArming:
 
     cdef bint was_unheard(self) noexcept nogil:
         """Return whether an actuator does not reply before it is enabled."""
-        cdef int number
-        cdef Device *device
-        for number in range(self.table.count):
-            device = &self.table.devices[number]
-            if device.drive.state == ACTIVE and device.zero.count > 0 and device.ask.count == 0:
-                return True
-        return False
+        return not all_are(self.table, is_heard)
 
     cdef bint all_answered(self) noexcept nogil:
-        cdef int number
-        for number in range(self.table.count):
-            if not self.table.has_answered(&self.table.devices[number]):
-                return False
-        return True
+        return all_are(self.table, has_answered)
 
     cdef bint only_zeros_are_due(self) noexcept nogil:
         """Return whether arming waits for nothing but the zeros of drives."""
-        cdef int number
-        cdef Device *device
-        for number in range(self.table.count):
-            device = &self.table.devices[number]
-            if device.drive.state == ACTIVE and not self.table.has_replied(device):
-                return False
-        return True
+        return all_are(self.table, has_replied)
 
     cdef int send_relays(self, int64_t now) noexcept nogil:
         """Send frames only to the devices that hold relays, while the drives behind the relays start."""
@@ -147,7 +123,6 @@ cdef class DeviceArming:
         cdef int status = OK
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            count = device.zero.count
             if device.drive.state != ACTIVE:
                 status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
                 note_asked(&device.transit, device.disable.count, now, now, -1)
@@ -173,3 +148,31 @@ cdef class DeviceArming:
             device = &self.table.devices[number]
             if device.ready >= 0:
                 memcpy(self.table.arena + device.ready, device.ready_kept, device.ready_size * sizeof(double))
+
+
+ctypedef bint (*test_t)(DeviceTable table, const Device *device) noexcept nogil
+
+
+cdef inline bint all_are(DeviceTable table, test_t test) noexcept nogil:
+    """Return whether every device passes a test."""
+    cdef int number
+    for number in range(table.count):
+        if not test(table, &table.devices[number]):
+            return False
+    return True
+
+
+cdef bint is_enabling(DeviceTable table, const Device *device) noexcept nogil:
+    return device.enabling
+
+
+cdef bint is_heard(DeviceTable table, const Device *device) noexcept nogil:
+    return device.drive.state != ACTIVE or device.zero.count == 0 or device.ask.count > 0
+
+
+cdef bint has_answered(DeviceTable table, const Device *device) noexcept nogil:
+    return table.has_answered(device)
+
+
+cdef bint has_replied(DeviceTable table, const Device *device) noexcept nogil:
+    return device.drive.state != ACTIVE or table.has_replied(device)

@@ -54,6 +54,7 @@ cdef struct Device:
     bint only_reads[FRAMES_PER_BATCH]       # of the frames of set_up: not a command if sent by another controller
     bint reports_enabled         # its replies contain whether it is enabled
     bint enabling                # arming enables it, or has: replies of a disabled drive do not count
+    int64_t enabled_since        # ns, begin of that
     bint was_enabled             # it has replied as an enabled drive before arming has enabled it
     bint owed                    # the newest command has no reply yet
     int64_t missed               # commands without a reply before the next one
@@ -90,4 +91,5 @@ cdef class DeviceTable:
     cdef int time_replies(self) except -1
     cdef void reset(self)
     cdef bint has_replied(self, const Device *device) noexcept nogil
+    cdef bint may_answer_late(self, const Device *device) noexcept nogil
     cdef bint has_answered(self, const Device *device) noexcept nogil

@@ -10,8 +10,9 @@ from cext.safety.drive_state cimport OUT, forget_state
 from cext.safety.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
+from cext.safety.thresholds cimport STOP_LISTEN_LIMIT
 from cext.safety.transit cimport forget_transit
-from cext.safety.twins cimport forget_twins
+from cext.safety.twins cimport forget_twins, may_be_two
 from cext.safety.zeroing cimport forget_zero
 
 from cext.schedule.kernel_table import address, words
@@ -84,7 +85,11 @@ cdef class DeviceTable:
             self.keep.append(confirmation)
             device.confirmation = <void *>confirmation
             reply = entry.stop_reply
-            device.twins.counted = reply is not None and reply.torque is not None and not reply.reports
+            # a device may report by itself and answer, as it is set, and only what it states is counted
+            device.twins.counted = reply is not None and reply.torque is not None and (
+                entry.answers or entry.report_period > 0.0 or not reply.reports)
+            device.twins.period = round(entry.report_period * 1e9)
+            device.twins.answers_disable = reply is not None and bool(reply.echo)
         device.relay = round(entry.relay_time * 1e9)
         device.drive.disabled, device.drive.disable = entry.disabled_slot, entry.disable_slot
         device.drive.active = entry.active_slot
@@ -146,9 +151,15 @@ cdef class DeviceTable:
         """Return whether a device has replied, and returned what arming writes to it."""
         return device.replies >= device.replies_wanted and (device.ready < 0 or self.arena[device.ready] != 0.0)
 
+    cdef bint may_answer_late(self, const Device *device) noexcept nogil:
+        """Return whether an answer to a disable may still come: during the run, it reports a drive that has stopped."""
+        return device.enabling and device.twins.period > 0 and device.twins.answers_disable and (
+            self.now - device.enabled_since < STOP_LISTEN_LIMIT)
+
     cdef bint has_answered(self, const Device *device) noexcept nogil:
         """Return whether arming or the safe stop need not wait for a device any longer."""
         if self.stopping:
             return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
         return device.drive.state == OUT or (
-            self.has_replied(device) and (device.enabling or not device.zeroing.due) and device.twins.surplus < 2.0)
+            self.has_replied(device) and (device.enabling or not device.zeroing.due)
+            and not self.may_answer_late(device) and not (self.arming and may_be_two(&device.twins, device.enable.count > 0, self.now)))

@@ -15,7 +15,7 @@ from libc.string cimport memset
 from cext.abi cimport (
     ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
     FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, IDLE, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN,
-    TICK, TWO_DEVICES,
+    TICK, TWIN, TWO_DEVICES,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -29,7 +29,7 @@ from cext.safety.thresholds cimport FADE_IN, RESTART_PERIODS, STOP_LIMIT
 from cext.safety.transit cimport (
     is_doubtful, longest_transit, note_arrival, note_asked, turn_memory, watch_transit,
 )
-from cext.safety.twins cimport forget_twins, note_answer, note_questions
+from cext.safety.twins cimport expect_reports, forget_twins, note_answer, note_questions
 from cext.safety.zeroing cimport note_command, note_position
 from cext.schedule.arming_round cimport counts
 from cext.schedule.drive_zeroing cimport add_zero, end_zeroing
@@ -107,6 +107,8 @@ cdef class Devices:
         cdef Device *device
         cdef double *arena = self.table.arena
         self.table.now = now
+        for number in range(self.table.count):
+            expect_reports(&self.table.devices[number].twins, now)      # before those that have waited
         self.buses.log_drain(now)
         for bus in range(self.buses.count):
             self.buses.set_time(bus, now)
@@ -188,7 +190,7 @@ cdef class Devices:
             elif answer == MALFORMED:
                 device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                 device.rejected_id = frame.data[0] if frame.length > 0 else -1
-            if device.twins.counted and answer != MALFORMED and self.is_twin(device, frame):
+            if answer == TWIN or (device.twins.counted and answer != MALFORMED and self.is_twin(device, frame)):
                 self.table.failed = number
                 status[0] = TWO_DEVICES
             if device.bands != NULL and answer != MALFORMED:
@@ -220,7 +222,8 @@ cdef class Devices:
         if self.table.stopping or self.table.waiting or device.drive.state != ACTIVE:
             forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH)
             return False
-        return (<StopConfirmation>device.confirmation).is_reply(frame) and note_answer(&device.twins)
+        return (<StopConfirmation>device.confirmation).is_reply(frame) and note_answer(
+            &device.twins, frame.time)
 
     cdef bint is_unconfigured(self, const Device *device) noexcept nogil:
         """Return whether a sensor that has lost its settings may provide no samples before the next arming writes them.
@@ -324,7 +327,8 @@ cdef class Devices:
             count = add_zero(self.table, self.events, number, &self.outgoing[total], count)
             device.sends = count
             total += count
-            note_questions(&device.twins, count, self.table.now)
+            if device.twins.period == 0:
+                note_questions(&device.twins, count, self.table.now)
             self.outgoing_count[device.bus] += count
             if self.laps != NULL and self.laps.each != NULL:
                 lap(self.laps, self.item + number)

@@ -74,7 +74,7 @@ cdef class DriveSwitch:
             if permitted == HUNG:
                 return HUNG
             if permitted == OK and not device.enabling:
-                begin_enabling(device)
+                begin_enabling(device, now)
             elif permitted == OK:
                 enter(&device.drive, ACTIVE, now)
                 device.fades_from = <int64_t>arena[TICK]

@@ -270,8 +270,25 @@ def two_devices(block: Block | None) -> str:
         return "two devices answer to one id"
     ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
     return (
-        f"more replies from id {ids} on bus {block.bus} than frames to it: two devices have this id, or another "
-        "controller commands it. Connect the devices one at a time, and set an id of its own in each with `configure`"
+        f"two devices have id {ids} on bus {block.bus}, or another controller commands it: {shown_by(block)}. Connect "
+        "the devices one at a time, and set an id of its own in each with `configure`"
+    )
+
+
+def shown_by(block: Device) -> str:
+    """Return how two devices with the id of a block are detected."""
+    replies = block.command_replies()
+    if replies is not None and replies.report_rate > 0.0:
+        return (
+            f"more reports than its report_rate of {replies.report_rate:g} Hz allows. If its rate was changed with the "
+            "vendor's tool, pass it as report_rate"
+        )
+    if "unique" in block.memory:
+        return "more replies than frames to it, or two unique numbers"
+    return (
+        "more replies than frames to it. A drive that also reports by itself needs its report_rate"
+        * ("report_rate" in block.parameters)
+        or "more replies than frames to it"
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
 MODE_BITS = 3 << 22  # of the identifier of FEEDBACK and REPORT: 0 for a drive that is not enabled
 GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of configuration; a CyberGear interprets 22 as its baud rate
+NEWCOMER = 0xFE  # target of the answer to GET_ID
 
 RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B
 LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = (

@@ -55,7 +55,8 @@ class RobStride(Joint, Actuator):
     `velocity_command` or `current_command`, and its current is limited to that of the torque `limit`. Mode and limits
     are written while the drive is stopped, and are lost at power-off. The drive stops itself when it has received
     nothing for `can_timeout`; the CyberGear cannot. Arming writes the mode, the limits and that time-out while the
-    drive is stopped, reads them back, and enables the drive only if all are as written. Faults are never cleared.
+    drive is stopped, reads them back, and enables the drive only if all are as written. It also reads the unique number
+    of the drive: two numbers behind one id are an error. Faults are never cleared.
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
@@ -97,6 +98,7 @@ class RobStride(Joint, Actuator):
     )
 
     arrival = Memory(0.0, "arrival of its newest frame in s")
+    unique = Memory((0.0,) * 3, "1 if the drive's unique number was read, and both halves of that number")
 
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
@@ -239,7 +241,8 @@ class RobStride(Joint, Actuator):
 
     def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         """Return patterns of the frames of this drive to its host, and of frames to it."""
-        return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
+        unique = (self.can_id << 8 | frames.NEWCOMER, 0x1F00FFFF, True)
+        return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True), unique]
 
     def feedback_frames(self, kind: int) -> tuple[tuple[int, int, bool, bytes], ...]:
         """Return its frames with its state. kind : FEEDBACK, its replies, or REPORT, those that it sends by itself"""
@@ -300,7 +303,9 @@ class RobStride(Joint, Actuator):
         return [*sequence, *self.read_frames()]
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
-        return [frames.read(index, self.can_id, self.host_id) for index, _ in self.written_settings()]
+        """Return the reads of the settings, and the request of the unique number: two numbers are two drives."""
+        settings = [frames.read(index, self.can_id, self.host_id) for index, _ in self.written_settings()]
+        return [self.command(frames.GET_ID), *settings]
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [self.command(frames.ENABLE)]

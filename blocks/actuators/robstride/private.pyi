@@ -30,6 +30,7 @@ class RobStride(Joint, Actuator):
     settings: Memory
     read_back: Memory
     arrival: Memory
+    unique: Memory
     motor_torque: Any
     current_limit: Any
     command_name: Any

@@ -31,7 +31,6 @@ ROBSTRIDE, EITHER, MIT = "RobStride", "RobStride or CyberGear", "RobStride in it
 ID_PURPOSE, STOP_PURPOSE = "get id of RobStride drives", "stop of RobStride drives"
 COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
 HOST = 0xFD
-NEWCOMER = 0xFE  # target of the answer to `get id`
 VERSION = bytes([0x00, 0xC4])
 POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
 RESET, CALIBRATION, RUN = range(3)
@@ -86,7 +85,7 @@ def set_protocol(can_id: int, name: str, host: int = HOST) -> tuple[int, bool, b
 
 def identity(identifier: int, extended: bool, data: bytes, can_id: int) -> str | None:
     """Return the unique number of a drive in hex digits, None for another frame."""
-    if extended and identifier == frames.GET_ID << 24 | can_id << 8 | NEWCOMER:
+    if extended and identifier == frames.GET_ID << 24 | can_id << 8 | frames.NEWCOMER:
         return bytes(data).hex().upper()
     return None
 

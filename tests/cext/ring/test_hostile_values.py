@@ -1,6 +1,5 @@
 """Memory that other processes share: whatever one of them writes there, no process reads or writes outside of it."""
 
-import itertools
 import mmap
 import os
 import struct
@@ -142,11 +141,8 @@ def test_lines_pass_frames_of_at_most_64_bytes_whatever_their_numbers(place, val
     for _ in range(3):
         line.end.send(0x123, bytes(8))
         lines.give(0, 0x123, bytes(8), 0)
-    ring = (len(memory) // 16 * 8) if place.startswith("inward") else 0
-    [ring] = (
-        [ring] if not ring else [next(at for at in itertools.count(64, 8) if memory[at : at + 8] == b"\3" + bytes(7))]
-    )
-    offset = ring + 64 * place.endswith("tail")
+    heads = [at for at in range(0, len(memory) - 128, 64) if memory[at : at + 64] == b"\3" + bytes(63)]
+    offset = heads[place.startswith("inward")] + 64 * place.endswith("tail")
     memory[offset : offset + 8] = struct.pack("<Q", value)
     assert len(lines.take(0)) <= 512
     assert len(line.end.receive(64)) <= 64

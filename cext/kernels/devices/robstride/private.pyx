@@ -2,6 +2,7 @@
 """RobStride and CyberGear: the private protocol, as sent and received by a controller.
 
     identifier   29 bits: type 5, data 16, target 8
+    type 0       get id: answered by type 0 to NEWCOMER, with the unique number of the drive, 64 bits
     type 1       operation control: torque is the data of the identifier; position, velocity, stiffness, damping, u16
     each, big-endian
     type 2       feedback: mode 2 bits, faults 6 bits, motor 8 bits; position, velocity, torque, temperature x 10
@@ -20,7 +21,7 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
     AUTHORITY, COMMANDED, EXTENDED, FOREIGN, IDLE, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS,
-    PERIOD, POWER_LOSS, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
+    PERIOD, POWER_LOSS, TAKEN, TWIN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside, know_times
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
@@ -29,6 +30,7 @@ from cext.kernels.devices.robstride.settings cimport (
 )
 
 cdef enum:
+    NEWCOMER = 0xFE             # target of the reply with the unique number
     RUN = 2                     # mode of an enabled drive
     STOPPED_REPLY_LIMIT = 12    # replies of a drive that has stopped by itself; more than arming has frames
     STOPPED = 64                # in `fault`, next to the six bits of type 2
@@ -55,8 +57,9 @@ cdef struct Feedback:
     int32_t state
     int32_t settings, read_back # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # of the newest frame, s
+    int32_t unique              # whether the unique number was read; its upper and its lower half
 
-FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] " + settings_size())
+FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] unique[3] " + settings_size())
 
 
 cdef inline void tell_fault(double *arena, const Feedback *at, uint32_t bits) noexcept nogil:
@@ -74,11 +77,13 @@ cdef inline uint32_t bits_of(double fault) noexcept nogil:
 
 
 cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
-    """Forget the fault report of a drive that may have restarted while the run waits to be armed again."""
+    """Forget the fault report and the number of a drive that may have restarted, or was replaced, while the run waits
+    to be armed again.
+    """
     cdef double came = frame.time * 1e-9
     cdef double *state = arena + at.state
     if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > 1e-9 * POWER_LOSS:
-        state[1] = 0.0
+        state[1] = arena[at.unique] = 0.0
         tell_fault(arena, at, bits_of(arena[at.fault]))
     arena[at.arrival] = came
 
@@ -124,6 +129,16 @@ cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexce
     return NOTED
 
 
+cdef int identity(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
+    """Decode type 0: two unique numbers behind one id are two drives."""
+    cdef double *unique = arena + at.unique
+    cdef uint32_t high = little_endian(&frame.data[4]), low = little_endian(&frame.data[0])
+    if unique[0] != 0.0:
+        return NOTED if unique[1] == high and unique[2] == low else TWIN
+    unique[0], unique[1], unique[2] = 1.0, high, low
+    return NOTED
+
+
 cdef int robstride_decode(double *arena, const Feedback *at, const Feedback *sizes, const Frame *frame) noexcept nogil:
     cdef uint32_t motor = <uint32_t>arena[at.address.can_id]
     cdef uint32_t host = <uint32_t>arena[at.address.host_id]
@@ -142,11 +157,13 @@ cdef int robstride_decode(double *arena, const Feedback *at, const Feedback *siz
             return MALFORMED
         note_arrival(arena, at, frame)
         return report(arena, at, frame)
-    if target != host or source != motor or type not in (2, 17, 24):
+    if source != motor or not (target == host and type in (2, 17, 24) or target == NEWCOMER and type == 0):
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
     note_arrival(arena, at, frame)
+    if type == 0:
+        return identity(arena, at, frame)
     return parameter(arena, at, frame) if type == 17 else feedback(arena, at, frame, type == 2)
 
 
