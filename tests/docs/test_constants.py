@@ -220,3 +220,18 @@ def test_the_page_of_running_lists_the_exit_codes_of_the_code():
 
 def test_the_docstring_of_the_conformance_test_numbers_its_checks():
     assert len(re.findall(r"^ +\d+\. ", check_block.__doc__, re.MULTILINE)) == 10
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["README.md", "CITATION.cff", "docs/index.md", "docs/coming_from/epically_powerful.md", "docs/hardware/index.md"],
+)
+def test_the_paper_is_cited_with_its_title_and_number(page):
+    text = " ".join((ROOT / page).read_text().split())
+    title = "Epically Powerful: An open-source software and mechatronics infrastructure for wearable robotic systems"
+    assert title in text and "2511.05033" in text
+
+
+def test_the_citation_has_the_version_of_the_package():
+    version = re.search(r'^version = "(.*)"', PYPROJECT, re.MULTILINE)[1]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
