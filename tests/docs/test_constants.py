@@ -48,6 +48,9 @@ def native(path, name):
 
 
 PORT = default(PlotJuggler, "port")
+WHEELS = [int(minor) for minor in re.findall(r'"cp3(\d+)-manylinux', PYPROJECT)]
+PYTHONS = (min(WHEELS), max(WHEELS))  # minor versions
+GLIBC = int(re.search(r'manylinux-x86_64-image = "manylinux_2_(\d+)"', PYPROJECT)[1])
 MS = 1e3
 STALL = safe("LOOP_STALL_MINIMUM") * MS
 RETRY, CHECK = (native("lines/i2c.pyx", name) / 1e6 for name in ("RETRY", "CHECK"))  # ms
@@ -174,7 +177,11 @@ PRINTED = [  # page, pattern whose groups are numbers, and their values
     ("reference/sensors", r"gravity is ([\d.]+) m/s² in all", fits.G),
     ("reference/sensors", r"from (twelve) positions on a symmetric", fits.SYMMETRIC_FIT_POSITIONS),
     ("reference/tools", r"--plotjuggler 127.0.0.1:(\d+)", PORT),
-    ("reference/versions", r"CPython (3\.\d+) to", float(re.search(r'requires-python = ">=([\d.]+)"', PYPROJECT)[1])),
+    ("reference/versions", r"CPython 3\.(\d+) to 3\.(\d+) on Linux", PYTHONS),
+    ("reference/versions", r"with glibc 2\.(\d+) or newer", GLIBC),
+    ("../README", r"CPython 3\.(\d+) to 3\.(\d+)", PYTHONS),
+    ("CONTRIBUTING", r"every CPython from 3\.(\d+) to 3\.(\d+)", PYTHONS),
+    ("CONTRIBUTING", r"for glibc 2\.(\d+) or newer", GLIBC),
     ("tutorial/4_rig", r"timeout \(([\d.]+) s\)", default(CubeMars, "timeout")),
 ]
 WORDS = {"two": 2, "three": 3, "third": 3, "five": 5, "ten": 10, "twelve": 12}
