@@ -94,6 +94,10 @@ class Watch:
             if self.motion is None
             else "replies arrive later than max_transit and one period after their commands: stiffness and damping are "
             "zero until none has for one to two seconds. Check adapter, load and length of the bus",
+            ""
+            if self.motion is None
+            else f"the angle is at an end of the range that its frames can carry, {self.motion.position_end:.4g} rad, "
+            "and the joint may be beyond it: declare its `range`, which ends the run there",
         )
 
 

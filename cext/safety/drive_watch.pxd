@@ -19,6 +19,7 @@ cdef enum: # events, each reported once a run
     DERATED_EVENT
     ACCELERATION_EVENT
     TRANSIT_EVENT
+    END_EVENT
     EVENT_KINDS
 
 cdef struct Watched:

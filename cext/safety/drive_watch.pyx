@@ -10,7 +10,8 @@
     silent       no action
 
     temperature  an event from `warm` on; from `derate` to `hot` the limit decreases to zero; at `hot` the run ends
-    motion       cext/safety/motion_watch.pxd, from the first reply of a drive on
+    motion       cext/safety/motion_watch.pxd, from the first reply of a drive on; an event where the angle is at an end of
+                 the range that its frames can carry
 
 The remaining fraction of a limit, and of stiffness and damping, is written to the drive's kernel before it encodes.
 """
@@ -24,7 +25,7 @@ from cext.safety.motion_watch cimport (
     NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_jump, judge_motion, judge_uncommanded,
     judge_values, stiff,
 )
-from cext.safety.jump_watch cimport set_acceleration
+from cext.safety.jump_watch cimport is_at_end, set_acceleration
 from cext.safety.event_template cimport EventTemplate
 from cext.safety.torque_watch cimport forget_uncommanded
 
@@ -92,7 +93,7 @@ cdef class DriveWatch:
                 "rms_ticks": self.drives[i].ticks[RMS_EVENT],
              "warm_ticks": self.drives[i].ticks[WARM_EVENT], "derated_ticks": self.drives[i].ticks[DERATED_EVENT],
              "acceleration_ticks": self.drives[i].ticks[ACCELERATION_EVENT],
-             "transit_ticks": self.drives[i].ticks[TRANSIT_EVENT],
+             "transit_ticks": self.drives[i].ticks[TRANSIT_EVENT], "end_ticks": self.drives[i].ticks[END_EVENT],
              "about": ABOUT[self.drives[i].motion.about],
              "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
             for i in range(self.count)
@@ -155,6 +156,8 @@ cdef class DriveWatch:
                 self.note(drive, TRANSIT_EVENT, tick)
             if drive.motion.beyond:
                 self.note(drive, ACCELERATION_EVENT, tick)
+            if drive.motion.position >= 0 and is_at_end(&drive.motion.jump, arena[drive.motion.position]):
+                self.note(drive, END_EVENT, tick)
         return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)
 
     cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick,

@@ -47,6 +47,11 @@ cdef inline void forget_jump(Jump *j) noexcept nogil:
     j.rate = NAN
 
 
+cdef inline bint is_at_end(const Jump *j, double position) noexcept nogil:
+    """Return whether an angle in rad is at an end of the encoded range, where the joint may be beyond it."""
+    return fabs(position + j.offset) > j.position_end - END_CODES * j.step
+
+
 cdef inline double unexplained(
         const Jump *j, double elapsed, double change, double velocity, double noise, double transit) noexcept nogil:
     """Return the largest change that motion explains if `change` is beyond it, else 0."""
@@ -57,12 +62,11 @@ cdef inline double unexplained(
         j.sustained * span + (j.impact - j.sustained) * 1e-9 * JUMP_IMPACT)
     cdef double margin = 2.0 * j.step + speed * fmax(transit, j.transit)
     cdef double bound = margin + (0.5 * fabs(velocity - j.velocity) + noise) * span + 0.5 * peak * span
-    cdef double before = j.position + change + j.offset
     if fabs(change) <= 2.0 * j.step:
         return 0.0                              # an angle that is held has not jumped
     if not speed < j.velocity_end * (1.0 - 1e-3 * END_CODES):
         return 0.0
-    if fmax(fabs(before), fabs(j.position + j.offset)) > j.position_end - END_CODES * j.step:
+    if is_at_end(j, j.position + change) or is_at_end(j, j.position):
         bound += speed * elapsed
     if j.rate != j.rate:
         bound += 2.0 * speed * span             # the first change: a scale of the velocity may be wrong, and its sign

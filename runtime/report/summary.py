@@ -170,6 +170,7 @@ def watch_text(entry: Mapping[str, Any], rate: float) -> str:
             ("derated_ticks", "torque limit reduced by temperature"),
             ("acceleration_ticks", "stiffness and damping removed because of acceleration"),
             ("transit_ticks", "stiffness and damping removed because of late replies"),
+            ("end_ticks", "angle unknown, at an end of the range of its frames,"),
         )
         if entry[key]
     ]

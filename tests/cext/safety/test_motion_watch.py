@@ -414,3 +414,14 @@ def test_nan_measurement_ends_arming(monkeypatch, place, about):
     rig, outcome = imposed(still(), drive=Nowhere, commands={"torque_command": 2.0})
     assert (outcome.status, outcome.culprit, outcome.tick) == ("implausible", "knee", -1)
     assert rig.watched["about"] == about and math.isnan(rig.watched["value"])
+
+
+def test_an_angle_at_the_end_of_its_encoded_range_is_reported():
+    """In simulation a joint needs no range: beyond 12.5 rad its angle stands still while it turns on."""
+    rig, outcome = imposed(
+        lambda t: (min(20.0 * t, 12.4) if t < 0.8 else 12.4 + 5.0 * (t - 0.8), 20.0 if t < 0.62 else 5.0 * (t > 0.8)),
+        seconds=1.2, commands={"torque_command": 1.0}, max_velocity=30.0,
+    )  # fmt: skip
+    assert outcome.status == "ok" and rig.watched["end_ticks"] == pytest.approx(0.38 * 200, abs=6)
+    [told] = [event["what"] for event in rig.events if event["event"] == "warning"]
+    assert "12.5 rad" in told and "declare its `range`" in told
