@@ -220,21 +220,23 @@ class Message:
         return len(self.columns) > 1
 
     def split(self) -> "list[Message]":
-        """Return two or more messages with the same columns, divided by their outermost names or else in halves."""
+        """Return two messages with the columns of about half of the outermost subsystems each, or else in halves."""
         names = [re.split(r"[/.]", column["path"]) for column in self.columns]
-        groups = {}
+        groups: list[list[int]] = []
         for depth in range(min(map(len, names))):
-            groups = {}
+            by_name: dict[tuple[str, ...], list[int]] = {}
             for index, path in enumerate(names):
-                groups.setdefault(tuple(path[: depth + 1]), []).append(index)
+                by_name.setdefault(tuple(path[: depth + 1]), []).append(index)
+            groups = list(by_name.values())
             if len(groups) > 1:
                 break
         if len(groups) < 2:
-            half = len(self.columns) // 2
-            groups = {0: range(half), 1: range(half, len(self.columns))}
-        return [
-            Message([self.columns[i] for i in group], [self.positions[i] for i in group]) for group in groups.values()
-        ]
+            groups = [[index] for index in range(len(self.columns))]
+        first = groups.pop(0)
+        while len(groups) > 1 and len(first) + len(groups[0]) <= len(self.columns) / 2:
+            first += groups.pop(0)
+        halves = first, [index for group in groups for index in group]
+        return [Message([self.columns[i] for i in half], [self.positions[i] for i in half]) for half in halves]
 
 
 def whole(value: float) -> int | None:

@@ -213,6 +213,14 @@ def test_oversized_message_is_split_by_subsystem_with_timestamp(listener):
     assert messages[1]["right"]["block" * 12 + "599"]["signal"] == 1199.0
 
 
+def test_many_subsystems_need_few_datagrams(listener):
+    """Not one datagram for each of them."""
+    signals = columns(*(f"{'side' * 12}{index}/block.signal 1" for index in range(1000)))
+    result, messages = send(listener, signals, [row(1, *range(1000))])
+    assert result["datagrams"] == len(messages) == 2
+    assert sorted(len(message) for message in messages) == [501, 501]
+
+
 def test_one_large_subsystem_is_divided_further(listener):
     signals = columns(*(f"left/block.{'signal' * 12}{index} 1" for index in range(1500)))
     _, messages = send(listener, signals, [row(1, *range(1500))])
