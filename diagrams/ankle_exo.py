@@ -1,13 +1,14 @@
-"""Ankle exoskeleton: two AK80-9 push off, with five inertial sensors, two insoles, two load cells and two networks.
+"""Ankle exoskeleton: AK80-9 or CyberGear push off, with five inertial sensors, two insoles, load cells and networks.
 
     python -m runtime diagrams/ankle_exo.py --duration 20
     python -m runtime diagrams/ankle_exo.py --duration 20 --set model=CyberGear
+    python -m runtime diagrams/ankle_exo.py --duration 20 --set right_model=CyberGear
     python -m runtime diagrams/ankle_exo.py --duration 20 --set mass=90 --set assistance=0.5 --set peak_time=0.5
 
 One network estimates the gait phase from both thighs, the other the biological torque of each ankle from its leg. One
 peak per stride extends the ankle at push-off, by at most a share of the biological torque, and fades with the load on
 the insole. Peak, peak time, rise and fall are live, for both legs at once, as optimisation with the wearer in the loop
-needs them. Positive torque is in dorsiflexion.
+needs them. With one actuator of each kind, both have the limit of the weaker one. Positive torque is in dorsiflexion.
 """
 
 from blocks.gait import BiologicalTorque, PeakProfile
@@ -24,16 +25,17 @@ LIMITS = {"AK80-9": 8.0, "CyberGear": 4.0}  # N·m
 FULL_LOAD = 0.5  # load on the insole above which the torque is full, relative to the peak of a stride
 
 
-def build(model="AK80-9", mass=70.0, assistance=1.0, peak_time=0.53, share=0.2):
+def build(model="AK80-9", right_model="", mass=70.0, assistance=1.0, peak_time=0.53, share=0.2):
     """Return the robot.
 
-    model : of both actuators, AK80-9 or CyberGear
+    model, right_model : AK80-9 or CyberGear, of both actuators, or of the left and the right one
     mass : of the wearer, kg
     assistance : peak torque as a share of the limit, from 0 to 1
     peak_time : gait phase of the peak
     share : largest share of the biological torque
     """
-    limit = LIMITS[model]
+    models = {"left": model, "right": right_model or model}
+    limit = min(LIMITS[name] for name in models.values())
     with Diagram("ankle_exo", rate=200) as diagram:
         imu("pelvis", "133960")
         thighs, bounds, loads = {}, {}, {}
@@ -55,7 +57,7 @@ def build(model="AK80-9", mass=70.0, assistance=1.0, peak_time=0.53, share=0.2):
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):
                 torque = Max(name="bounded")(torques[number], bounds[side]) * loads[side]
-                assist(drive(side, "ankle", number + 1, model), torque, walking, leg, limit=limit, slew=300.0)
+                assist(drive(side, "ankle", number + 1, models[side]), torque, walking, leg, limit=limit, slew=300.0)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -101,16 +101,22 @@ def test_a_leg_that_swings_beside_one_that_stands_is_not_assisted(robot, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "robot, model",
-    [("hip_exo_bilateral", "AK10-9-V2.0"), ("hip_exo_bilateral", "AK10-9-V3.0"), ("ankle_exo", "CyberGear")],
+    "robot, chosen",
+    [
+        ("hip_exo_bilateral", {"model": "AK10-9-V2.0"}),
+        ("hip_exo_bilateral", {"model": "AK10-9-V3.0"}),
+        ("ankle_exo", {"model": "CyberGear"}),
+        ("ankle_exo", {"model": "AK80-9", "right_model": "CyberGear"}),
+    ],
 )
-def test_robot_assists_with_other_actuators(robot, model):
-    trial = runtime.run(path(robot), 13.0, settings={"model": model})
+def test_robot_assists_with_other_actuators(robot, chosen):
+    assert not compile(load(path(robot), list(chosen.items()))[1]).warnings
+    trial = runtime.run(path(robot), 13.0, settings=chosen)
     assert trial.fault is None
     [joint] = CLAIMS[robot]
     models = {block["path"]: block.get("parameters", {}).get("model") for block in trial.diagram["blocks"]}
     for side in SIDES:
-        assert models[f"{side}/{joint}"] == model
+        assert models[f"{side}/{joint}"] == chosen.get(f"{side}_model", chosen["model"])
         power = (trial[f"{side}/{joint}.torque"] * trial[f"{side}/{joint}.velocity"])[trial.time > 8.0]
         assert power.mean() > 0.5
 
