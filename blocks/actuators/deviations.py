@@ -66,14 +66,12 @@ def of_ranges(block: Any, scales: Sequence[float], law: bool = True) -> Iterator
 
 
 def of_constant(block: Any, constant: float, commanded: bool) -> Iterator[Deviation]:
-    """Yield the Deviation of the torque constant, from the table or, if that has none, from the diagram.
+    """Yield the Deviation of the torque constant from the table.
 
     constant : N·m/A at the output of the actuator; commanded : whether the current bounds the torque
     """
     spec = table_of(block) or block.spec
     table, source = spec.torque_constant, f"the table of {spec.name}"
-    if table is None:
-        table, source = block.set_from.get("torque_constant", ("", constant))[1], "the diagram"
     if not differ(constant, table):
         return
     factor = table / constant

@@ -320,7 +320,7 @@ def actuators(console: Console) -> list[str]:
         "Rated: continuous torque, and the default limit of a command. Peak: for seconds, with limit='peak'. Encoded "
         "ranges are scales of one firmware, not ratings; wire_torque=... and similar parameters override them for a "
         "unit that differs. Kt: at the output. A dash is a value that is not published: without a rated torque, pass "
-        "limit=; without Kt, pass torque_constant= in servo mode."
+        "limit=."
     )
     return [*lines, *console.hang("  ", " ".join([words, *notes]))]
 

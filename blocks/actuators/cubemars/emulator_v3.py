@@ -108,11 +108,6 @@ class EmulatedCubeMarsServo(Emulated, Device):
             self.peak = self.spec.wire_torque * self.gear_ratio
         super().configure()
         constant = self.torque_constant or self.spec.torque_constant
-        if constant is None:
-            raise ValueError(
-                f"the torque constant of {self.spec.name} is not published: pass torque_constant= in "
-                "N·m/A, at its output"
-            )
         self.scales = frames.scales(with_pole_pairs(self.spec, self.pole_pairs), self.gear_ratio, constant)
         self.board = (float(self.spec.generation >= 3), 0.0)
 

@@ -8,7 +8,8 @@ Three different torques:
 Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a
 model. Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards
 V3.0 are (models_v3), and the constants are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated
-current. A drive in servo mode commands and reports the amplitude.
+current. A drive in servo mode commands and reports the amplitude. The constant of an AK80-6 is not published: that of
+an AK80-9 is assumed, which also has 100 rpm/V and 21 pole pairs; rated torque over it is 0.98 of the rated current.
 
 Supply: the same manual, "allowable working voltage" of the board: 18 to 52 V of V2.1, 18 to 28 V of V2.2. The board
 follows from the rated voltage of the product page: V2.1 for 48 V or 24/48 V, V2.2 for 24 V. No source states the range
@@ -73,7 +74,7 @@ class Model(Motor):
     wire_torque: float
     wire_velocity: float
     gear: int
-    motor_constant: float | None  # N·m/A, of the product page's RMS amperes
+    motor_constant: float  # N·m/A, of the product page's RMS amperes
     rated_rms_current: float
     peak_rms_current: float
     pole_pairs: int
@@ -85,12 +86,12 @@ class Model(Motor):
     generation: int = 2
 
     @property
-    def torque_constant(self) -> float | None:
-        """Torque constant in N·m/A at the output; None if unknown.
+    def torque_constant(self) -> float:
+        """Torque constant in N·m/A at the output.
 
         Used with amplitudes, in servo mode, it gives at most √2 times the torque.
         """
-        return None if self.motor_constant is None else self.motor_constant * self.gear
+        return self.motor_constant * self.gear
 
 
 MODELS = {
@@ -103,7 +104,7 @@ MODELS = {
         Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14, V2_2, MINI),
         Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 6.5, 22.7, 14, V2_2),
         Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 7.2, 23.2, 21, V2_1),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 9.7, 20.0, 21, V2_1),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, 0.105, 9.7, 20.0, 21, V2_1),
         Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 6.9, 21.0, 21, V2_1),
         Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 10.3, 22.3, 21, V2_1),
         Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 7.0, 19.0, 21, V2_1),

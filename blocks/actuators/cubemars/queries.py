@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -96,7 +95,7 @@ def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> A
         block="CubeMarsServo",
     )
     if model is not None:
-        _, rate, torque = frames.scales(model, 1.0, model.torque_constant or math.nan)
+        _, rate, torque = frames.scales(model, 1.0, model.torque_constant)
         answer.velocity, answer.torque = speed * rate, current * 0.01 * torque
     if error == frames.DISABLED:
         answer.family, answer.block = V3, "CubeMarsV3"

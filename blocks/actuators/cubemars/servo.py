@@ -152,10 +152,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         spec = self.spec = self.find(self.model)
         self.model = spec.name
         constant = self.torque_constant or spec.torque_constant
-        if constant is None:
-            raise ValueError(
-                f"the torque constant of {spec.name} is not published: pass torque_constant= in N·m/A, at its output"
-            )
         if spec.generation < 3 and self.report_rate == 0.0:
             raise ValueError(
                 f"the board of {spec.name} does not answer commands in servo mode: pass the "

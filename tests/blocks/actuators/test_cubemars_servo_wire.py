@@ -16,7 +16,7 @@ from tests.blocks.actuators.wire import AUTHORITY, EXTENDED, FOREIGN, MALFORMED,
 NOTED, COMMANDED, IDLE = 2, 3, 7  # cext/abi.pxd
 MODES = tuple(reference.KINDS)
 MODELS = {**models.MODELS, **models_v3.MODELS}
-GIVEN = {"AK80-6": {"torque_constant": 0.6}, "AK80-8-V3.0": {"limit": 10.0}}  # what nobody has published
+GIVEN = {"AK80-8-V3.0": {"limit": 10.0}}  # what nobody has published
 SLOW = {"velocity_limit": 1.0, "acceleration": 5.0}  # which every model can be told
 
 wired = {}
@@ -74,7 +74,7 @@ def test_the_current_is_at_most_that_of_the_torque_limit(model):
     """
     for ratio in (1.0, 3.0):
         one = drive(model, "current", gear_ratio=ratio)
-        constant = GIVEN.get(model, {}).get("torque_constant") or MODELS[model].torque_constant
+        constant = MODELS[model].torque_constant
         torque = GIVEN.get(model, {}).get("limit") or MODELS[model].rated * ratio
         rated = math.sqrt(2.0) * MODELS[model].rated_rms_current if MODELS[model].rated is not None else math.inf
         assert (
@@ -197,7 +197,7 @@ def test_a_status_is_decoded_as_by_the_reference(model, mode, codes, temperature
     one.arena[AUTHORITY] = 0.0
     frame = reference.status(7, *codes, temperature, error)
     assert one.hear(*frame) == (IDLE if error == 0x77 else TAKEN)
-    constant = GIVEN.get(model, {}).get("torque_constant") or MODELS[model].torque_constant
+    constant = MODELS[model].torque_constant
     wanted = reference.read_status(MODELS[model], constant, frame[1], sign=-1 if invert else 1, offset=0.4)
     promised = one.block.output_range()
     for name, x in zip(("position", "velocity", "current", "torque", "temperature"), wanted):
@@ -230,7 +230,6 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length, mode):
 @pytest.mark.parametrize(
     "model, parameters, said",
     [
-        ("AK80-6", {}, "torque constant of AK80-6 is not published: pass torque_constant="),
         ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: pass limit= in N·m"),
         ("AK80-8 V3.0", {"limit": 64.0}, "within the range of AK80-8-V3.0, 63.414 N·m, got 64"),
         ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: pass the report_rate"),

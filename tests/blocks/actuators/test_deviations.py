@@ -28,8 +28,7 @@ def found(drive):
 @pytest.mark.parametrize("gear_ratio", [1.0, 6.3])
 def test_no_model_deviates_from_its_own_table(kind, table, gear_ratio):
     for name in table:
-        constant = {"torque_constant": 0.9} if kind is CubeMarsServo and name == "AK80-6" else {}
-        assert found(kind(name, limit=1.0, gear_ratio=gear_ratio, **constant)) == {}, name
+        assert found(kind(name, limit=1.0, gear_ratio=gear_ratio)) == {}, name
 
 
 @pytest.mark.hazard("H1h")
@@ -165,13 +164,6 @@ def test_a_gear_is_compared_with_the_diagram_or_with_no_gear_if_it_reduces_the_t
     knee.set("gear_ratio", 2.0, "--set")
     assert found(knee) == {"gear_ratio": (pytest.approx(3.0), False)}
     assert found(CubeMars("AK80-9", limit=3.0, gear_ratio=0.5)) == {"gear_ratio": (pytest.approx(2.0), False)}
-
-
-def test_a_constant_that_no_table_has_is_compared_with_the_diagram():
-    knee = CubeMarsServo("AK80-6", limit=3.0, torque_constant=0.9)
-    assert found(knee) == {}
-    knee.set("torque_constant", "0.3", "--set")
-    assert found(knee) == {"torque_constant": (pytest.approx(3.0), False)}
 
 
 @pytest.mark.parametrize("mounting", [{"invert": True}, {"offset": 0.4}, {"can_id": 3}, {"range": (-0.1, 2.0)}])

@@ -165,8 +165,7 @@ def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
 @pytest.mark.hazard("H14a")
 @pytest.mark.parametrize("block, name", EVERY_MODEL)
 def test_no_drive_survives_a_battery_of_100_volts(block, name):
-    constant = {"torque_constant": 0.5} if (block, name) == (CubeMarsServo, "AK80-6") else {}
-    diagram = robot(block, name, limit=1.0, **constant)
+    diagram = robot(block, name, limit=1.0)
     with pytest.raises(RigError, match=r"100.8 V exceeds the supply range of knee"):
         require_supply(Battery(96.0, 4.0, 100.8), diagram, "lab.toml")
 
