@@ -354,7 +354,7 @@ def optimise(
             objectives={"cost": "costs:effort"},
             over={"*/profile.scale": [0.0, 1.0], "stride_time": [0.9, 1.3, 1.1]},
         )
-        result.optimum                  # {"*/profile.scale": 0.62, "stride_time": 1.04}
+        result.optimum                  # {"*/profile.scale": ..., "stride_time": ...}
         result.plot()                   # costs and parameters over the generations
 
     diagram, duration, objectives : as of `study`
