@@ -25,7 +25,7 @@ def rules_of(kind: Any) -> list[Rule]:
     Raises TypeError for one that is not a linear comparison of numeric parameters.
     """
     if isinstance(vars(kind).get("rules"), str):
-        raise TypeError(f'{kind.__name__}.rules is a text: write a tuple, as in rules = ("{kind.rules}",)')
+        raise TypeError(f'{kind.__name__}.rules is a string: write a tuple, as in rules = ("{kind.rules}",)')
     texts = dict.fromkeys(text for base in reversed(kind.__mro__) for text in vars(base).get("rules", ()))
     return [rule for text in texts for rule in parsed(kind, text)]
 

@@ -13,7 +13,11 @@ INCOMPLETE = ("missing argument", "no diagram file", "no recording", "one of the
 
 
 class Parsed(Exception):
-    """The parser has accepted the arguments."""
+    """The parser has accepted the arguments. parser : of the command"""
+
+    def __init__(self, parser):
+        super().__init__()
+        self.parser = parser
 
 
 def words(line):
@@ -27,17 +31,26 @@ def words(line):
 
 def refusal(arguments):
     """Return why the parser refuses arguments, or "". Accepts those that lack only a required one."""
-    parse = Parser.parse_args
+    return _parsed(arguments, Parser.parse_args)[1]
 
-    def stop(*arguments, **options):
-        parse(*arguments, **options)
-        raise Parsed
+
+def parser_of(arguments):
+    """Return the parser of a command, which does not parse."""
+    return _parsed(arguments, lambda *anything, **options: None)[0]
+
+
+def _parsed(arguments, parse):
+    """Run a command up to its parser. Returns (parser, why it refuses the arguments or "")."""
+
+    def stop(parser, *words, **options):
+        parse(parser, *words, **options)
+        raise Parsed(parser)
 
     try:
         with mock.patch.object(Parser, "parse_args", stop):
             command(["file.py" if word == "FILE" else word for word in arguments], None)
-    except Parsed:
-        return ""
+    except Parsed as parsed:
+        return parsed.parser, ""
     except BadInput as error:
-        return "" if str(error).startswith(INCOMPLETE) else str(error)
-    return ""
+        return None, "" if str(error).startswith(INCOMPLETE) else str(error)
+    return None, ""

@@ -68,7 +68,7 @@ def test_the_rules_of_a_base_class_hold_in_its_subclasses():
 @pytest.mark.parametrize(
     "rules, message",
     [
-        ("low <= high", r'Bad.rules is a text: write a tuple, as in rules = \("low <= high",\)'),
+        ("low <= high", r'Bad.rules is a string: write a tuple, as in rules = \("low <= high",\)'),
         (("low",), "Bad.rules: 'low' is not a comparison with <, <=, > or >=, as in \"lower <= upper\""),
         (("low == high",), "Bad.rules: 'low == high' is not a comparison"),
         (("low <",), "Bad.rules: 'low <' is not a comparison"),
