@@ -21,6 +21,7 @@ class Hold(Block):
     u = Input("any", "input at another rate", shape=...)
     y = Output("any", "input at the last tick of the block", shape=...)
 
+    passes_jumps = True
     kernel = kernels.hold
     resamples = True
 
@@ -40,6 +41,7 @@ class UnitDelay(Block):
     y = Output("any", "input of the previous tick", shape=...)
     held = Memory(0.0, "input of the previous tick")
 
+    passes_jumps = True
     kernel = kernels.unit_delay
     update_kernel = kernels.unit_delay_next
     feedthrough = ()
@@ -68,6 +70,7 @@ class Delay(Block):
     held = Memory(0.0, "last n inputs")
     place = Memory(0.0, "index of the oldest input")
 
+    passes_jumps = True
     kernel = kernels.delay
     update_kernel = kernels.delay_next
     feedthrough = ()
@@ -143,6 +146,7 @@ class Derivative(Block):
     y = Output("any", "derivative du/dt", shape=...)
     follower = Memory(math.nan, "filter state v")
 
+    smooth = ("u",)
     kernel = kernels.derivative
 
     def prepare(self, dt: float) -> None:

@@ -104,6 +104,7 @@ class Exponential(Block):
     y = Output("any", "filtered signal", shape=...)
     state = Memory(math.nan, "output of the previous tick")
 
+    smooth = ("u",)
     kernel = kernels.exponential
 
     def prepare(self, dt: float) -> None:

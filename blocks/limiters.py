@@ -25,6 +25,7 @@ class Saturation(Block):
     u = Input("any", "input", shape=...)
     y = Output("any", "clipped input", shape=...)
 
+    clips = True
     kernel = kernels.saturation
 
     def output_range(self, u: Interval) -> Interval:
@@ -45,6 +46,7 @@ class SlewRate(Block):
     y = Output("any", "rate-limited input", shape=...)
     previous = Memory(0.0, "output of the previous tick")
 
+    smooth = ("u",)
     kernel = kernels.slew
     settle_kernel = kernels.slew_at_rest
 
@@ -73,6 +75,7 @@ class TorqueLimiter(Block):
     limited = Output("N·m", "limited torque")
     previous = Memory(0.0, "output of the previous tick")
 
+    clips = True
     kernel = kernels.torque_limiter
     examples = ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0})
 
@@ -190,6 +193,7 @@ class RMSTorqueLimiter(Block):
     place = Memory(0.0, "index of the next square")
     ticks = Memory(1.0, "M = fade / dt")
 
+    clips = True
     kernel = kernels.rms_torque
     examples = (
         {"limit": 9.0},

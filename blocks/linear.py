@@ -45,6 +45,7 @@ class TransferFunction(Block):
     delays = Memory(0.0, "one delay per degree and element")
     rest = Memory(0.0, "delays in steady state for an input of 1")
 
+    smooth = ("u",)
     kernel = kernels.transfer
     update_kernel = kernels.transfer_next
     settle_kernel = kernels.transfer_at_rest
@@ -183,6 +184,7 @@ class StateSpace(Block):
     state = Memory(0.0, "state x")
     following = Memory(0.0, "buffer for the next state")
 
+    smooth = ("u",)
     kernel = kernels.state_space
     update_kernel = kernels.state_space_next
 

@@ -21,6 +21,7 @@ class Concatenate(Block):
 
     y = Output("any", "concatenated vector")
 
+    passes_jumps = True
     kernel = kernels.stack
 
     def configure(self) -> None:

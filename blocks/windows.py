@@ -50,6 +50,7 @@ class MovingAverage(_Sums):
     sums = Memory(0.0, "running and fresh sum of each element, and number of non-finite inputs")
     place = Memory((0.0, 0.0), "index of the next input, and number of inputs")
 
+    smooth = ("u",)
     kernel = kernels.average
 
     def output_range(self, u: Interval) -> Interval:

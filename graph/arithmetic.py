@@ -35,6 +35,7 @@ class Gain(Block):
     u = Input("any", "input", shape=...)
     y = Output("any", "gain · u", shape=...)
 
+    passes_jumps = True
     kernel = kernels.gain
 
     def configure(self) -> None:
@@ -55,6 +56,7 @@ class Sum(Block):
     y = Output("any", "the sum", shape=...)
     weights = Memory(1.0, "+1 or -1 for each input")
 
+    passes_jumps = True
     kernel = kernels.sum
 
     def configure(self) -> None:
@@ -128,6 +130,7 @@ class UnitConversion(Block):
     factor = Memory(1.0, "number of target units in one source unit")
     offset = Memory(0.0, "output for an input of zero")
 
+    passes_jumps = True
     kernel = kernels.conversion
     examples = ({"source": "deg", "target": "rad"},)
 
@@ -149,6 +152,7 @@ class Stack(Block):
 
     y = Output("any", "stacked inputs")
 
+    passes_jumps = True
     kernel = vectors.stack
 
     def configure(self) -> None:
@@ -180,6 +184,7 @@ class Select(Block):
     y = Output("any", "selected elements")
     places = Memory(0.0, "indices of the elements in the flattened input")
 
+    passes_jumps = True
     kernel = vectors.select
     examples = ({}, {"index": (1, {"slice": (None, None, None)}), "of": (2, 3)})
 
@@ -267,6 +272,7 @@ class Convert(Block):
     factor = Memory(1.0, "number of target units in one input unit")
     offset = Memory(0.0, "output for an input of zero, in the target unit")
 
+    passes_jumps = True
     kernel = kernels.conversion
     examples = ({"target": "deg"},)
 

@@ -69,6 +69,10 @@ class Block:
     always: bool = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
     abstract: bool = False  # a base class, in no list of blocks; not inherited
     allowance: float = 0.0  # s that its step may take in addition to the limits of watchdog and guardian for a tick
+    smooth: tuple[str, ...] = ()  # inputs at which a jump of a periodic value gives wrong outputs, as in a filter
+    passes_jumps: bool = False  # an input appears in its outputs unchanged, or multiplied, or added to others
+    clips: bool = False  # a limiter, whose output range is the values that it passes
+    winds_up: tuple[str, ...] = ()  # outputs that integrate an error, and would do so beyond a limit behind them
     output_slew: Any = None  # fastest change of its output per second, where the block bounds it
     jit: bool = False  # compile the step to a kernel, where Numba is installed
     compiled: bool = False  # the step has been compiled to a kernel

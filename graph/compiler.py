@@ -9,7 +9,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from graph import caveats, device_checks, hints, live_checks, rate_checks, type_checks, wire_checks
+from graph import caveats, device_checks, hints, live_checks, rate_checks, signal_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
 from graph.compilation import Compilation
@@ -75,6 +75,8 @@ def examine(diagram: Diagram) -> Compilation:
         prove,
         caveats.check_torque,
         check_reach,
+        signal_checks.check_circles,
+        signal_checks.check_windup,
         wire_checks.check_use,
     ):
         check(compilation)

@@ -39,6 +39,8 @@ CODES = {
     "TW030": "format of a newer version",
     "TW031": "missing library",
     "TW032": "block from a local file",
+    "TW033": "periodic value at a smooth input",
+    "TW034": "limit behind an integral",
 }
 
 

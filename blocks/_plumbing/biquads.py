@@ -33,6 +33,7 @@ class Biquads(Block):
     design: Callable[[float], Any]
 
     abstract = True
+    smooth = ("u",)
     kernel = kernels.biquads
     settle_kernel = kernels.biquads_at_rest
 

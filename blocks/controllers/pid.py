@@ -121,6 +121,8 @@ class PID(_Controller):
     def configure(self) -> None:
         super().configure()
         self.clamps = float(self.anti_windup == "clamping")
+        self.winds_up = ("command",) if self.ki else ()
+        self.smooth = ("reference", "measurement") if self.kd else ()
 
     def prepare(self, dt: float) -> None:
         self.integral, self.follower = [0.0] * self.width, [math.nan] * self.width

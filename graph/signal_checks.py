@@ -1,0 +1,120 @@
+"""Warnings of signals that are not what a block takes them for: a periodic value that jumps at the ends of its circle,
+and a command whose limit lies behind the controller that integrates towards it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from graph.block import Sink, range_of
+from graph.device import Device
+from graph.interval import EVERYTHING, Interval
+from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.compilation import Compilation
+
+LARGE = 1e9  # of an input, beyond what any limiter passes
+
+
+def check_circles(compilation: Compilation) -> None:
+    """Warn of a periodic value, such as a heading, at an input that must change smoothly."""
+    followers = followers_of(compilation)
+    for block in compilation.blocks:
+        for name, port in block.outputs.items():
+            if not port.circle:
+                continue
+            low, high = port.circle
+            for reader, input in jumps(Signal(block, name), followers):
+                compilation.report(
+                    "TW033",
+                    f"{block.path}.{name} jumps between {low:.4g} and {high:.4g} {compilation.units[block, name]}, "
+                    "which are one and the same, and each jump is taken for motion",
+                    reader,
+                    input,
+                    compilation.where(reader, input),
+                    "filter its sine and cosine and take their Atan2, or use the angular velocity of the sensor",
+                    "warning",
+                )
+
+
+def jumps(start: Signal, followers: dict[Signal, list[tuple[Block, str]]]) -> Iterator[tuple[Block, str]]:
+    """Yield (block, input) where a value that jumps reaches an input that must be smooth."""
+    waiting, seen = deque([start]), {start}
+    while waiting:
+        for block, name in followers.get(waiting.popleft(), ()):
+            if name in block.smooth:
+                yield block, name
+            elif block.passes_jumps:
+                onward = [
+                    signal for signal in (Signal(block, output) for output in block.outputs) if signal not in seen
+                ]
+                seen.update(onward)
+                waiting.extend(onward)
+
+
+def check_windup(compilation: Compilation) -> None:
+    """Warn of a controller with an integral whose command is clipped behind it."""
+    followers = followers_of(compilation)
+    for block in compilation.blocks:
+        for name in block.winds_up:
+            start = Signal(block, name)
+            reach = compilation.ranges.get(start, EVERYTHING)
+            for limiter, clipped in limiters(start, reach, followers, compilation):
+                compilation.report(
+                    "TW034",
+                    f"its {name} can reach {reach}, and {limiter.path} passes {clipped}: beyond, the integral goes on, "
+                    "and later holds the command at that limit",
+                    block,
+                    name,
+                    hint=f"give it the limits itself, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
+                    severity="warning",
+                )
+
+
+def limiters(
+    start: Signal, reach: Interval, followers: dict[Signal, list[tuple[Block, str]]], compilation: Compilation
+) -> Iterator[tuple[Block, Interval]]:
+    """Yield (limiter, Interval in units of the signal) of each limiter that clips a signal, also behind gains."""
+    waiting, seen = deque([(start, reach, 1.0)]), {start}
+    while waiting:
+        signal, interval, gain = waiting.popleft()
+        for block, name in followers.get(signal, ()):
+            if isinstance(block, (Device, Sink)):
+                continue
+            for output in block.outputs:
+                large, larger = (made(block, output, name, Interval(-size, size)) for size in (LARGE, 10.0 * LARGE))
+                if large is None or larger is None:
+                    continue
+                if large == larger:
+                    if block.clips and large.bounded and interval not in large:
+                        yield block, Interval(*sorted((large.low / gain, large.high / gain)))
+                    continue
+                scale = made(block, output, name, Interval.point(1.0))
+                onward = Signal(block, output)
+                passed = made(block, output, name, interval)
+                if passed is not None and scale is not None and scale.low == scale.high != 0.0 and onward not in seen:
+                    seen.add(onward)
+                    waiting.append((onward, passed, gain * scale.low))
+
+
+def made(block: Block, output: str, name: str, interval: Interval) -> Interval | None:
+    """Return the output interval of a block for an interval at one input, the others 0; None if it states none."""
+    inputs: dict[str, Any] = {other: Interval.point(0.0) for other in block.inputs} | {name: interval}
+    try:
+        stated = block.output_range(**inputs)
+    except Exception:
+        return None
+    return range_of(block, output, stated if stated is not None else {})
+
+
+def followers_of(compilation: Compilation) -> dict[Signal, list[tuple[Block, str]]]:
+    """Return {Signal: [(block, input)]}."""
+    followers: dict[Signal, list[tuple[Block, str]]] = {}
+    for (block, name), source in compilation.sources.items():
+        if isinstance(source, Signal):
+            followers.setdefault(source, []).append((block, name))
+    return followers
