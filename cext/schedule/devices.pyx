@@ -13,9 +13,9 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
 from cext.abi cimport (
-    ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, IDLE, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN,
-    TICK, TWIN, TWO_DEVICES,
+    ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ERROR_FRAME, ESTOP, FOREIGN, FOREIGN_COMMAND,
+    FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, IDLE, MALFORMED, OK, PERIOD, PRESSED,
+    SILENT, TAKEN, TICK, TWIN, TWO_DEVICES,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -147,9 +147,10 @@ cdef class Devices:
             frame = &self.buses.received[index]
             answer = self.offer_one(bus, frame, &status)
             if page != NULL:
-                page.frames_received += 1
-                page.frames_foreign += answer == FOREIGN or answer == COMMANDED
-                page.frames_malformed += answer == MALFORMED
+                if not frame.id & ERROR_FRAME:              # which the controller makes, and the bus counts
+                    page.frames_received += 1
+                    page.frames_foreign += answer == FOREIGN or answer == COMMANDED
+                    page.frames_malformed += answer == MALFORMED
                 self.buses.log_frame(frame)
         return status
 

@@ -8,7 +8,7 @@ from libc.stdint cimport int64_t
 
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport OUT
-from cext.abi cimport OK
+from cext.abi cimport ERROR_FRAME, OK
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport STOP_LIMIT, STOP_ROUND_MAXIMUM
@@ -120,7 +120,7 @@ cdef class SafeStop:
                 if device.bus == bus and device.bands != NULL:
                     (<SpeedBands>device.bands).note(&self.buses.received[index])
             if self.buses.page != NULL:
-                self.buses.page.frames_received += 1
+                self.buses.page.frames_received += not self.buses.received[index].id & ERROR_FRAME
                 self.buses.log_frame(&self.buses.received[index])
 
 

@@ -53,12 +53,14 @@ def before_fault(result: RunResult) -> str:
     if outcome.status not in CONSEQUENCES or result.failed_in_plant or not isinstance(block, Device):
         return ""
     patience = min(block.timeout, getattr(block, "restart_time", 0.0) or block.timeout)
+    errors = result.statistics["frames"].get("errors", 0)
+    reported = f"; the CAN controllers reported {count(errors, 'error frame')}" if errors else ""
     silence = math.ceil(patience * result.schedule.rate) if outcome.status == "silent" else 0
     commands = outcome.tick - silence
     lost = result.control.reports.missed.get(block.path, 0) - silence
     if lost < max(LOST_REPLIES_MINIMUM, LOST_FRACTION_MINIMUM * commands):
-        return ""
+        return f"{reported}: check wiring, termination and bitrate of bus {block.bus}" if reported else ""
     return (
-        f"; {lost} of its {commands} commands before had no reply by the next one: frames are lost on bus "
+        f"{reported}; {lost} of its {commands} commands before had no reply by the next one: frames are lost on bus "
         f"{block.bus}{CONSEQUENCES[outcome.status]}. Check wiring, termination, adapter and load of the bus"
     )

@@ -319,8 +319,8 @@ class RigBuses:
         total = {kind: sum(bus[kind] for bus in can) for kind in kinds}
         strangers = total.pop("strangers")
         corrected = frames | total
-        corrected["received"] += strangers - total["errors"]
-        corrected["foreign"] += strangers - total["errors"]
+        corrected["received"] += strangers
+        corrected["foreign"] += strangers
         return corrected
 
     def strangers(self) -> dict[str, list[str]]:

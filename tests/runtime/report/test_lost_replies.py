@@ -9,7 +9,7 @@ from graph import Diagram, compile
 from runtime.report.lost_replies import also_silent, before_fault
 
 
-def ended(status, missed, *, tick=120, failed_in_plant=False):
+def ended(status, missed, *, tick=120, failed_in_plant=False, errors=0):
     """A RunResult as far as it is read."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK80-9", bus="legs", name="knee", timeout=0.1)(torque_command=0.0)
@@ -18,6 +18,7 @@ def ended(status, missed, *, tick=120, failed_in_plant=False):
         failed_in_plant=failed_in_plant,
         schedule=SimpleNamespace(rate=200.0),
         diagram=robot,
+        statistics={"frames": {"errors": errors}},
         control=SimpleNamespace(reports=SimpleNamespace(missed={"knee": missed})),
     )
 
@@ -61,3 +62,14 @@ def test_other_silent_devices_are_named(ages, said):
     result.diagram, result.schedule, result.control.final = robot, schedule, values
     remedy = "check what they share, such as a hub, a supply or the load of the computer"
     assert also_silent(result) == (said + remedy if said else "")
+
+
+def test_error_frames_of_the_controller_explain_a_silence():
+    text = before_fault(ended("silent", 22, errors=1200))
+    assert text == (
+        "; the CAN controllers reported 1200 error frames: check wiring, termination and bitrate of bus legs"
+    )
+    assert before_fault(ended("silent", 50, errors=3)).startswith(
+        "; the CAN controllers reported 3 error frames; 30 of"
+    )
+    assert before_fault(ended("not finite", 50, errors=3)) == ""
