@@ -17,7 +17,10 @@ from runtime.base.signed_datagrams import Receiver
 from tests.checkout import ROOT
 from tests.docs.fences import agree, fences
 from tests.docs.pages import NAMES
+from tests.docs.tutorial import plain
+from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import finished, started
+from tests.runtime.terminals import Terminal
 from tests.runtime.test_documents import shown_after
 
 DOCS = ROOT / "docs"
@@ -203,3 +206,50 @@ def test_the_rates_of_the_page_are_those_of_the_command(tmp_path):
         if not more:
             shown = [line for line in shown_after(page, "## The highest rate") if " Hz " in line]
             assert all(line.split("Hz, 2 s")[0] in "\n".join(printed) for line in shown[1:]), printed
+
+
+TABLE = """
+from blocks.actuators import CubeMars
+from graph import Diagram
+
+with Diagram("knee", rate=200) as diagram:
+    CubeMars("AK80-9", bus="legs", can_id=7, name="knee")(torque_command=0.0)
+
+
+def plant(robot):
+    with Diagram("bench", rate=1000) as bench:
+        robot["knee"].emulator()(position=0.5, velocity=0.1)
+    return bench
+"""
+
+
+@pytest.mark.timing
+def test_the_table_before_arming_is_that_of_the_page(tmp_path):
+    group = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.79"
+    bus = f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n'
+    (tmp_path / "lab.toml").write_text(bus + "[device.knee]\nrange = [0.0, 0.6]\n")
+    (tmp_path / "knee.py").write_text(TABLE)
+    emulator = started("emulate", "knee.py", "--rig", "lab.toml", cwd=tmp_path)
+    try:
+        read_until(emulator.stdout, "Ctrl-C ends it")
+        with Terminal() as terminal:
+            terminal.run("knee.py", "--rig", "lab.toml", "--no-record", cwd=tmp_path)
+            terminal.wait_for(r"press Enter to arm[^\r]*[\r\n]+.*ready")
+            printed = plain(terminal.look())
+            terminal.press(b"q")
+            assert terminal.end() == 0
+    finally:
+        emulator.terminate()
+        emulator.communicate()
+    page = (DOCS / "reference" / "rigs.md").read_text()
+    shown = shown_after(page[page.index("## Confirmation before arming") :], "enabled before you confirm")
+    text = one_line(printed.replace(f"udp_multicast {group}", "socketcan can0"))
+    assert "0.500 rad in [0, 0.6]" in text and len(shown) > 8
+    for line in shown:
+        if "guardian" not in line.split()[:1]:  # what the system grants it differs
+            assert one_line(line) in text, line
+
+
+def one_line(text):
+    """Return a text in one line, without numbers that the machine determines."""
+    return re.sub(r"\d+\.\d+ (ms|rad/s)", r"# \1", " ".join(text.split()))

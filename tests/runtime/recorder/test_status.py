@@ -100,6 +100,15 @@ def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
     return fit(parts, width, False, unicode)[0]
 
 
+def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
+    hint = [part(1, "? lists the keys", "? keys")]
+    parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, 0.031, 800.0, 800.0, 0.21e6), True, hint)
+    parts += torque_part([("left/knee", 2, 9.0), ("right/knee", 3, 9.0)], (7, 0.0, -4.5, 1.0), True)
+    page = (ROOT / "docs" / "reference" / "running.md").read_text()
+    shown = re.findall(r"^    (running .*)$", page, re.MULTILINE)
+    assert shown == [fit(parts, width, False, True)[0] for width in (200, 79)]
+
+
 @pytest.mark.parametrize(
     "width, unicode, expected",
     [
