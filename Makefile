@@ -265,8 +265,11 @@ $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
-	say "installing Tickwork and its requirements"
-	install --no-build-isolation -e .
+	say "installing Tickwork with what its documentation uses: the extra 'all', and pytest"
+	(install --no-build-isolation -e '.[all]' pytest) || {
+	    say "without them: networks, tables, Rerun and studies with Dask need $(VENV)/bin/pip install -e '.[all]'"
+	    install --no-build-isolation -e .
+	}
 	compile_imports
 	mv $@.start $@
 
