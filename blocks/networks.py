@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from blocks._plumbing.network_files import reason, weights_of
 from blocks._plumbing.network_ports import Description, describe, tensors
 from cext.kernels.networks.inference import tick
-from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model
+from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model, runtime_version
 from cext.kernels.networks.worker import Owner, Worker, delayed
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.diagram import current_scope
@@ -105,7 +106,7 @@ class OnnxModel(Block):
     def configure(self) -> None:
         self.file = str(self.path_of_file())
         try:
-            self.loaded = loaded = Model(Path(self.file).read_bytes(), self.provider)
+            self.loaded = loaded = self.load()
             self.description = describe(loaded.metadata, self.channels, self.results, reserved=_RESERVED_NAMES)
             inputs, outputs, samples = tensors(loaded, self.description, self.layout == LAYOUTS[1])
         except ValueError as error:
@@ -120,6 +121,20 @@ class OnnxModel(Block):
             raise ValueError('latency: run="worker" needs the delay of its results, as in latency=0.02')
         self.allowance = self.inference_time if self.run == "tick" else 0.0
         self.kernel, self.worker = tick.owned(loaded), None
+
+    def load(self) -> Model:
+        """Return the loaded model. Raises ValueError."""
+        path = Path(self.file)
+        content = path.read_bytes()
+        try:
+            return Model(content, self.provider, str(path.parent))
+        except ValueError as error:
+            raise ValueError(reason(path, content, str(error), runtime_version())) from None
+
+    def files_of(self, name: str) -> list[Path]:
+        """Return the ONNX file, and those with its weights."""
+        path = Path(self.file)
+        return [path, *(path.parent / other for other in weights_of(path.read_bytes()))]
 
     def prepare(self, dt: float) -> None:
         """Create the jobs of a worker for its latency. Raises ValueError for outputs that are always stale."""

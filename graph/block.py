@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, ClassVar, TypedDict
 
 from cext.rules import Rule
@@ -243,6 +244,10 @@ class Block:
         inputs : units by name; `free_units` lists the inputs that need not share it
         """
         return {}
+
+    def files_of(self, name: str) -> list[Path]:
+        """Return the files of a parameter with a path, whose content is part of the diagram. name : of the parameter"""
+        return [Path(getattr(self, name))]
 
     # Using a block
 

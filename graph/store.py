@@ -163,12 +163,12 @@ def source_hash(kind: type[Block]) -> str:
 def file_hash(block: Block, name: str) -> str:
     """Return the hash of a file that a block reads. Raises DiagramError if it cannot be read."""
     try:
-        return "sha256:" + sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
+        return "sha256:" + sha256(b"".join(path.read_bytes() for path in block.files_of(name))).hexdigest()
     except OSError as error:
         raise DiagramError(
             Diagnostic(
                 "TW010",
-                f"{name}: cannot read {getattr(block, name)}: {error.strerror}",
+                f"{name}: cannot read {error.filename}: {error.strerror}",
                 path=block.path,
                 where=block.location,
                 hint="restore the file: its content is part of the diagram",

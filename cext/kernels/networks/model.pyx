@@ -20,12 +20,18 @@ from cext.kernels.networks.ort cimport (
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider", "tensorrt": "TensorrtExecutionProvider"}
 METADATA_KEY = "tickwork"
+WEIGHTS_FOLDER = b"session.model_external_initializers_file_folder_path"
 EXTRA = "pip install 'tickwork[networks]'"
 LIBRARIES = "libonnxruntime.so*", "onnxruntime_pybind11_state*.so"      # in folder capi of the wheel, by preference
 
 cdef const Api *loaded = NULL           # one library and one environment per process
 cdef void *environment = NULL
 cdef str loaded_version = ""
+
+
+def runtime_version() -> str:
+    """Return the version of ONNX Runtime; "" before a model has been loaded."""
+    return loaded_version or ""
 
 
 cdef const Api *api_of_library() except NULL:
@@ -119,6 +125,7 @@ cdef class Model:
 
     content : bytes of the ONNX file
     provider : one of PROVIDERS
+    folder : of further files with its weights; "" for none
 
     inputs, outputs : {name: shape} of its tensors; a dimension that varies is -1
     metadata : value of METADATA_KEY in the file's metadata, or ""
@@ -126,7 +133,7 @@ cdef class Model:
     Raises ValueError for a damaged file, tensors of other numbers than float32, and a provider that is not installed.
     """
 
-    def __init__(self, bytes content, str provider="cpu"):
+    def __init__(self, bytes content, str provider="cpu", str folder=""):
         cdef const Api *api = api_of_library()
         cdef void *options = NULL
         self.version = loaded_version
@@ -141,6 +148,8 @@ cdef class Model:
             check(api, api.SetSessionLogSeverityLevel(options, LOG_LEVEL))
             check(api, api.AddSessionConfigEntry(options, b"session.intra_op.allow_spinning", b"0"))
             check(api, api.AddSessionConfigEntry(options, b"session.inter_op.allow_spinning", b"0"))
+            if folder:
+                check(api, api.AddSessionConfigEntry(options, WEIGHTS_FOLDER, folder.encode()))
             append_provider(api, options, provider)
             check(api, api.CreateSessionFromArray(
                 environment, <const char *>content, len(content), options, &self.inference.session))

@@ -11,7 +11,7 @@ import pytest
 from blocks.networks import OnnxModel
 from blocks.sources import Sine
 from graph import Diagram, Interval, subsystem
-from graph.store import describe
+from graph.store import content_hash, describe
 from tests.blocks.networks import models
 from tests.blocks.running import inside, run
 from tests.graph.complaints import complaints, refusal
@@ -239,13 +239,47 @@ def damaged(path):
     Path(models.window(path)).write_bytes(Path(path).read_bytes()[:100])
 
 
+def pointer(path):
+    Path(path).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12\n")
+
+
+def with_weights_beside(path):
+    """As PyTorch exports it since version 2.9: weights in a second file."""
+    models.window(path)
+    model = models.onnx.load(path)
+    models.onnx.save(model, path, save_as_external_data=True, location="weights.data", size_threshold=0)
+    return path
+
+
+def without_weights(path):
+    with_weights_beside(path)
+    Path(path).with_name("weights.data").unlink()
+
+
+def numbered(opset=17, ir_version=9):
+    def write(path):
+        models.window(path)
+        model = models.onnx.load(path)
+        model.opset_import[0].version, model.ir_version = opset, ir_version
+        Path(path).write_bytes(model.SerializeToString())
+
+    return write
+
+
 IDENTITY = models.helper.make_node("Identity", ["x"], ["y"])
 MEAN = models.helper.make_node("ReduceMean", ["x"], ["y"], axes=[1], keepdims=0)
 MEAN_OF_H = models.helper.make_node("ReduceMean", ["h"], ["h_next"], axes=[1], keepdims=1)
 COPY = models.helper.make_node("Identity", ["h"], ["h_next"])
 FAULTS = {
     "missing": (lambda path: None, "there is no"),
-    "damaged": (damaged, "rotobuf parsing failed"),
+    "damaged": (damaged, "is not an ONNX file, or is damaged"),
+    "pointer": (
+        pointer,
+        "is a pointer of Git LFS and not the network: install git-lfs, and fetch it with `git lfs pull`",
+    ),
+    "weights elsewhere": (without_weights, "its weights are in weights.data, which is not beside it: copy both, or"),
+    "new operators": (numbered(opset=99), "uses operators of opset 99, which ONNX Runtime 1."),
+    "new format": (numbered(ir_version=99), "has version 99 of the ONNX format, which ONNX Runtime 1."),
     "metadata": (lambda path: models.window(path, metadata="{"), "the metadata of the file is not valid JSON"),
     "no description": (lambda path: models.window(path, metadata=None), "does not describe its inputs: pass channels="),
     "channels": (lambda path: models.window(path, channels=4), "input x has shape (1, 4, 8), but expected"),
@@ -279,6 +313,23 @@ FAULTS = {
     "same names": (model_with("outputs", [{"name": "mass"}, {"name": "b"}]), "two ports have the name 'mass'"),
     "unit": (model_with("channels", [{"name": "a", "unit": "furlong"}]), "furlong"),
 }
+
+
+def test_weights_in_a_second_file_are_loaded_and_are_part_of_the_diagram(tmp_path, monkeypatch):
+    """From any working folder. The graph of the network computes as the one with its weights inside."""
+    inside, beside = str(tmp_path / "inside.onnx"), with_weights_beside(str(tmp_path / "beside.onnx"))
+    models.window(inside)
+    monkeypatch.chdir("/")
+    hashes = []
+    for path in (inside, beside, beside):
+        with Diagram("robot", rate=200.0) as diagram:
+            OnnxModel(path, name="net")(hip_angle=0.3, hip_velocity=0.1, mass=80.0)
+        hashes.append((content_hash(diagram), run(diagram, 12)["net.hip_torque"][-1]))
+        data = bytearray((tmp_path / "weights.data").read_bytes())
+        if path == beside:
+            data[0] ^= 1
+            (tmp_path / "weights.data").write_bytes(data)
+    assert hashes[0][1] == hashes[1][1] and hashes[1][0] != hashes[2][0]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
