@@ -66,8 +66,8 @@ def check_windup(compilation: Compilation) -> None:
             for limiter, clipped in limiters(start, reach, followers, compilation):
                 compilation.report(
                     "TW034",
-                    f"its {name} can reach {reach}, and {limiter.path} passes {clipped}: beyond, the integral goes on, "
-                    "and later holds the command at that limit",
+                    f"its {name} can reach {reach}, and {limiter.path} passes {clipped}: beyond, the integral "
+                    "continues, and later holds the command at that limit",
                     block,
                     name,
                     hint=f"give it the limits itself, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",

@@ -4,6 +4,7 @@ import inspect
 import os
 import re
 import shutil
+import sys
 
 import pytest
 
@@ -74,6 +75,7 @@ def folder(tmp_path, monkeypatch):
     """The working folder, with the diagrams of the clone and a module of objectives."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "costs", raising=False)  # of another test
     os.symlink(ROOT / "diagrams", tmp_path / "diagrams")
     (tmp_path / "robot.py").write_text(KNEE)
     (tmp_path / "costs.py").write_text("def effort(trial):\n    return float(abs(trial['left/knee.torque']).mean())\n")

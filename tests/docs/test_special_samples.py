@@ -173,6 +173,7 @@ def test_the_optimisation_from_python_has_an_optimum(study, monkeypatch):
     pytest.importorskip("pyarrow")
     monkeypatch.chdir(study)
     monkeypatch.syspath_prepend(study)
+    monkeypatch.delitem(sys.modules, "costs", raising=False)  # of another test
     call, *uses = re.split(r"^(?=result\.)", samples("docs/how_to/optimisation.md")[0], flags=re.MULTILINE)
     names = {"runtime": runtime}
     for long, short in (("duration=20", "duration=10"), ("[1, 2, 3]", "[1]"), ("output=", "generations=1, output=")):

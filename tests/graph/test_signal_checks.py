@@ -59,7 +59,7 @@ def test_a_derivative_of_a_controller_counts_and_its_other_parts_do_not():
         assert len(warnings(diagram, "TW033")) == expected
 
 
-def test_what_does_not_jump_gives_no_warning():
+def test_signals_that_do_not_jump_give_no_warning():
     with Diagram("d", rate=100) as diagram:
         yaw = heading()
         Median()(yaw)

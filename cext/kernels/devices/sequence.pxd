@@ -2,7 +2,7 @@
 
 A frame that is not ahead is late or repeated: it gives no value. A sender that restarts counts from its first number
 again: a frame that is more than LATEST behind, that comes after SILENCE, or that is the last of RESTART in a row that
-are not ahead begins anew.
+are not ahead begins again.
 """
 
 from libc.stdint cimport uint32_t
