@@ -247,7 +247,7 @@ def with_weights_beside(path):
     """As PyTorch exports it since version 2.9: weights in a second file."""
     models.window(path)
     model = models.onnx.load(path)
-    models.onnx.save(model, path, save_as_external_data=True, location="weights.data", size_threshold=0)
+    models.onnx.save(model, path, save_as_external_data=True, location="weights.data", size_threshold=64)
     return path
 
 
