@@ -1,0 +1,83 @@
+"""Tables of names on the pages have the names of the code, all of them."""
+
+import inspect
+import re
+from dataclasses import fields
+
+from graph import Param
+from runtime.cli.main import COMMANDS
+from runtime.live import table
+from runtime.recorder import panel
+from runtime.rig.battery import Battery
+from runtime.rig.file import KEYS
+from runtime.studies import objectives
+from tests.checkout import ROOT
+from tests.docs.pages import NAMES
+
+DOCS = ROOT / "docs"
+CODE = re.compile(r"`([^`]+)`")
+
+
+def page(name):
+    return (DOCS / f"{name}.md").read_text()
+
+
+def section(name, heading):
+    """Return the text below a heading, up to the next one."""
+    return re.split(r"^#+ ", page(name).split(f"# {heading}\n")[1], flags=re.MULTILINE)[0]
+
+
+def column(text, number=0):
+    """Return the names in code in one column of the tables of a text."""
+    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")]
+    return [name for row in rows for name in CODE.findall(row[number])]
+
+
+def test_objectives_of_a_study():
+    own = {}
+    for name, value in inspect.getmembers(objectives, inspect.isfunction):
+        parameters = [*inspect.signature(value).parameters]
+        if value.__module__ == objectives.__name__ and parameters[0] == "trial" and not name.startswith("_"):
+            own[name] = [parameter for parameter in parameters[1:] if parameter != "after"]
+    shown = {}
+    for line in section("how_to/studies", "Objectives").splitlines():
+        if line.startswith("| `"):
+            names, arguments, _ = line.split("|")[1:-1]
+            shown |= {name: CODE.findall(arguments) for name in CODE.findall(names)}
+    assert shown == own
+
+
+def test_return_values_of_decode():
+    enum = re.search(
+        r"cdef enum: # return values of decode_t\n(.*?)\n\n", (ROOT / "cext/abi.pxd").read_text(), re.DOTALL
+    )[1]
+    names = re.findall(r"^    ([A-Z]+) =", enum, re.MULTILINE)
+    assert sorted(column(section("how_to/device_families", "Return values of `decode`"))) == sorted(names)
+
+
+def test_keys_of_a_bus_and_of_the_battery_in_a_rig_file():
+    text = page("reference/rigs")
+    assert all(re.search(rf"`{key}`|^{key} = |\b{key}\b = |\.{key}\]", text, re.MULTILINE) for key in KEYS)
+    battery = text[text.index("[battery]\n") :].split("```")[0]
+    assert set(re.findall(r"^(\w+) =", battery, re.MULTILINE)) == {field.name for field in fields(Battery)}
+
+
+def test_keys_of_the_terminal():
+    keys = [
+        line.split("|")[1].strip()
+        for line in section("how_to/tuning", "From the keyboard").splitlines()
+        if line.startswith("| ")
+    ]
+    named = set(re.findall(r"Tab|Shift-Tab|up|down|right|left|space|Enter|\b[a-z0]\b", " ".join(panel.HELP)))
+    assert named - {"a"} <= {word for key in keys for word in re.split(r"[ ,]+", key)} | {"q"}
+    assert table.STEPS == 20 and table.FINE == 10  # "about a twentieth of the range", "a tenth of such a step"
+
+
+def test_declarations_of_a_parameter():
+    shown = re.findall(r"^\| `(\w+)=True`", section("how_to/blocks", "Parameters"), re.MULTILINE)
+    assert shown and set(shown) <= set(inspect.signature(Param.__init__).parameters)
+
+
+def test_every_command_is_on_a_page():
+    text = "".join((ROOT / name).read_text() for name in NAMES)
+    assert [name for name in COMMANDS if not re.search(rf"python -m runtime {name}\b|`{name}`", text)] == []
