@@ -48,6 +48,25 @@ class Declaration:
         return self
 
 
+def unit_of(unit: str, description: str, kind: str) -> str:
+    """Return the canonical spelling of a unit.
+
+    description, kind : of its port, for the message of a unit in the second place
+
+    Raises ValueError.
+    """
+    try:
+        return units.canonical(unit)
+    except ValueError:
+        try:
+            units.canonical(description)
+        except ValueError:
+            description = ""
+        if not description:
+            raise
+        raise ValueError(f"the unit comes first, as in {kind}({description!r}, {unit!r})") from None
+
+
 class Port(Declaration):
     """An input or output port."""
 
@@ -58,7 +77,7 @@ class Port(Declaration):
             raise TypeError(f"shape must be a tuple of lengths, as in (3,), or ..., got {shape!r}")
         if dtype not in DTYPES:
             raise TypeError(f"dtype must be float, int or bool, got {dtype!r}")
-        self.unit = units.canonical(unit)
+        self.unit = unit_of(unit, description, type(self).__name__)
         self.description = description
         self.shape = shape
         self.dtype = DTYPES[dtype]

@@ -113,12 +113,32 @@ def for_factor(source: Any, got: str, expected: str) -> str:
     return f'give the factor its unit, as in Gain({block.gain:g}, unit="{units.divide(expected, got)}")(signal)'
 
 
+def for_output(source: Any, unit: str, known: dict[Any, str]) -> str:
+    """Return which outputs of a block have a unit; "" for none.
+
+    source : signal of another unit
+    known : {(block, port): unit}
+    """
+    if not isinstance(source, Signal):
+        return ""
+    block = source.block
+    names = [f"{block.path.split('/')[-1]}.{name}" for name in block.outputs if known.get((block, name)) == unit]
+    return f"connect an output in {unit}: {' or '.join(names)}" if names else ""
+
+
 def for_degrees(number: float, unit: str, limits: Any) -> str:
     """Return the remedy for an angle or a velocity that is within its limits in degrees, or ""; number : in rad"""
     if unit not in ("rad", "rad/s") or abs(number) <= math.pi or math.radians(number) not in limits:
         return ""
     shown = f"{math.degrees(number):.0f}°{unit.removeprefix('rad')}"
     return f"{number:g} {unit} is {shown}: did you mean deg({number:g})?"
+
+
+def unused_limiter(source: Signal) -> Any:
+    """Return a limiter of a signal whose own output is not connected, or None."""
+    wires = [wire for wire in source.block.diagram.wires if isinstance(wire.source, Signal)]
+    used = {wire.source.block for wire in wires}
+    return next((w.block for w in wires if w.source == source and w.block.clips and w.block not in used), None)
 
 
 def for_limit(block: Any, source: Any, name: str, unit: str, limit: Any, interval: Any) -> str:
@@ -138,6 +158,11 @@ def for_limit(block: Any, source: Any, name: str, unit: str, limit: Any, interva
         if getattr(block, "limit", None) == "rated" and at_joint is not None and interval.high <= at_joint
         else ""
     )
+    if beside := unused_limiter(source):
+        return (
+            f"the output of {beside.path} is not connected: command it, as in {block.path.split('/')[-1]}({name}="
+            f"{type(beside).__name__}(...)({source.block.path.split('/')[-1]}.{source.port}))"
+        )
     if unit == "N·m" and interval.bounded and "limit" in source.block.parameters:
         return f"lower the limit of {source.block.path} to {limit.high:g}{allowed}"
     if unit == "N·m":

@@ -74,7 +74,9 @@ def check_units(compilation: Compilation) -> None:
                 block,
                 name,
                 compilation.where(block, name),
-                unit_hint(compilation, got, unit) or hints.for_factor(source, got, unit),
+                unit_hint(compilation, got, unit)
+                or hints.for_factor(source, got, unit)
+                or hints.for_output(source, unit, compilation.units),
             )
 
 

@@ -69,7 +69,8 @@ def check_wires(compilation: Compilation) -> None:
                 wire.block,
                 wire.port,
                 wire.where,
-                "connect one signal to an input: add the two with a Sum, or select one with a Switch",
+                f"make another {type(wire.block).__name__} for the other signal, or combine the two with a Sum or a "
+                "Switch",
             )
             continue
         compilation.sources[key] = (

@@ -237,6 +237,10 @@ cdef class PythonStep:
                     self.refuse(index, value)
                 arena[self.output_slots[index]] = number
         except (TypeError, ValueError, AttributeError) as error:
+            if isinstance(value, tuple) and kind != ARRAY and self.output_count == 1:
+                raise TypeError(Text(
+                    "%s.step returned %d values %r, and the block has one output, %s: return one value, or declare an "
+                    "Output for each", self.name, len(value), value, self.output_names[index])) from None
             raise TypeError(
                 Text("%s.step returned %r for %s: %s", self.name, value, self.output_names[index], error)
             ) from None

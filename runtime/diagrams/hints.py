@@ -124,9 +124,13 @@ def for_attribute(error: AttributeError) -> str:
         return f"call the block to command it, as in {of.path.split('/')[-1]}({usual_command(of)}=...)"
     if of.is_python and name in ("t", "time", "tick"):
         return f"take it as an argument, as in def step(self, {', '.join([*of.inputs, 't'])})"
-    return suggestion(name, [*of.outputs, *of.inputs, *of.parameters]) or (
-        f"set it in reset(self), as in self.{name} = 0.0" if of.is_python else ""
-    )
+    if of.is_python:
+        return suggestion(name, [*of.outputs, *of.inputs, *of.parameters]) or (
+            f"set it in reset(self), as in self.{name} = 0.0"
+        )
+    similar = suggestion(name, of.outputs) or suggestion(name, [*of.inputs, *of.parameters])
+    listed = f"its outputs are {', '.join(of.outputs) or 'none'}"
+    return f"{similar} {listed[0].upper()}{listed[1:]}" if similar else listed
 
 
 def for_type(text: str, names: Mapping[str, Any]) -> str:

@@ -62,6 +62,12 @@ BLOCKS = (
         "if it is constant, write its name in upper case",
     ),
     in_block(
+        "description before the unit",
+        f'a = Input("in", "rad", default=0.0)  # !\n{STEP}',
+        f'a = Input("rad", "in", default=0.0)\n{STEP}',
+        "the unit comes first, as in Input('rad', 'in')",
+    ),
+    in_block(
         "list as a default",
         f"k = Param([1.0, 2.0])  # !\n{STEP}",
         f"k = Param((1.0, 2.0))\n{STEP}",
@@ -118,7 +124,10 @@ BLOCKS = (
         "end the step with `return`",
     ),
     in_block(
-        "step that returns two", "def step(self, u):\n    return u, u", STEP, "own.step returned (0.0, 0.0) for y"
+        "step that returns two",
+        "def step(self, u):\n    return u, u",
+        STEP,
+        "own.step returned 2 values (0.0, 0.0), and the block has one output, y: return one value, or declare",
     ),
     in_block(
         "array for a scalar",

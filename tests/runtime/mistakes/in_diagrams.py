@@ -330,6 +330,33 @@ WIRES = (
         "no attribute 'set_torque'; call the block to command it, as in knee(torque_command=...)",
     ),
     in_drive(
+        "port of another name",
+        "x = 2.0 * knee.angle  # !",
+        "x = 2.0 * knee.position",
+        "no attribute 'angle'",
+        "Its outputs are position, velocity, torque, temperature, ",
+    ),
+    in_drive(
+        "one filter for two signals",
+        "f = Butterworth(2, 20.0)\nf(knee.velocity)\nf(knee.position)  # !",
+        "Butterworth(2, 20.0)(knee.velocity)\nButterworth(2, 20.0)(knee.position)",
+        "butterworth.u: is already wired at",
+        "make another Butterworth for the other signal",
+    ),
+    in_drive(
+        "output of another unit",
+        "Impedance()(position=knee.velocity, velocity=0.0)  # !",
+        "Impedance()(position=knee.position, velocity=0.0)",
+        "expected rad, got rad/s from knee.velocity",
+        "connect an output in rad: knee.position",
+    ),
+    in_command(
+        "limiter beside the command",
+        "TorqueLimiter(limit=8.0)(torque)\nknee(torque_command=torque)  # !",
+        "knee(torque_command=TorqueLimiter(limit=8.0)(torque))",
+        "the output of torque_limiter is not connected: command it, as in knee(torque_command=TorqueLimiter(...)(",
+    ),
+    in_drive(
         "signal in a step",
         "Own()(1.0)",
         "Own()(knee.position)",
