@@ -84,6 +84,7 @@ def run(
     plant_signals: str | Iterable[str] = (),
     fast: bool = True,
     rig: str | os.PathLike[str] | None = None,
+    stop_for: float | None = None,
     **options: Any,
 ) -> Trial:
     """Run a diagram, and return its runtime.analysis.trial.Trial.
@@ -116,6 +117,8 @@ def run(
         commas, or several; * stands for any text, and a block for all its signals
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
+    stop_for : on a rig, time in s for which the frames of a safe stop go on, at a falling rate, for drives that do not
+        confirm it; None: until Ctrl-C
     options : further options of the command in real time, by their names: yes=True, record="trials",
         trial={"subject": "S03"}, overrun="fault:5"
 
@@ -126,6 +129,8 @@ def run(
     with _WholeImports():
         from runtime.base.errors import BadInput
 
+    if stop_for is not None:
+        options["stop_for"] = stop_for
     if fast and rig is None:
         with _WholeImports():
             from runtime.session.simulate import simulate

@@ -91,6 +91,15 @@ def one_line(text: str, coloured: bool = False) -> str:
     return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
 
 
+def print_over_status(words: str) -> None:
+    """Write one line to standard error, on a terminal in place of the status line that the recorder has drawn.
+
+    words : with names of devices and interfaces, which may contain any characters
+    """
+    erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
+    print(erase + one_line(words), file=sys.stderr, flush=True)
+
+
 def print_lines(lines: Iterable[object]) -> None:
     """Write lines to standard output. A failure to write is reported on standard error."""
     write(lines, sys.stdout)

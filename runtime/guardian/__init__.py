@@ -33,10 +33,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from cext.clock.stopwatch import names
-from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND_MAXIMUM
 from runtime.base.child_process import ChildProcess
 from runtime.base.descriptors import Descriptors, SpareDescriptors
+from runtime.console.terminal import print_over_status
 from runtime.guardian import control_group
+from runtime.guardian.lock import Visitors
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, replies_of
 from runtime.guardian.wires import SHARED, CannotOpen, Wire, open_wire
@@ -213,8 +215,12 @@ class GuardianProcess(ChildProcess):
             control_group.remove(self._group)
         return _ending(self._child.returncode)
 
-    def take_over(self) -> tuple[str, dict[str, str], StopReport]:
+    def take_over(self, lasts: float, ended: Callable[[], bool]) -> tuple[str, dict[str, str], StopReport]:
         """Open every bus and stop the actuators, if the guardian does not respond.
+
+        Actuators that have not confirmed after STOP_LIMIT are reported on standard error, and get the frames at a
+        falling rate for `lasts` s, until the operator ends that or another process wants a bus. ended : whether the
+        operator does
 
         Returns (how the guardian ended, {bus: reason it could not be opened}, report of the stop).
         """
@@ -235,21 +241,57 @@ class GuardianProcess(ChildProcess):
                 problems[bus["name"]] = str(error)
         now = time.monotonic_ns()
         relays = [Relay(relay, now) for relay in self._plan["relays"]]
-        stop = SafeStop(devices, wires, now, relays=relays, out=self._page.out)
+        stop = SafeStop(devices, wires, now, relays=relays, out=self._page.out, lasts=round(lasts * 1e9))
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
                 wire.listen(replies_of(devices, index))
-        drained = stop.began
+        drained, visitors, reported, open_again = stop.began, Visitors(self._locks), False, 0
         while not stop.over:
-            stop.step(time.monotonic_ns())
-            time.sleep(0.0005)
+            now = time.monotonic_ns()
+            stop.step(now)
+            if stop.is_due(now) and not stop.over:
+                if not reported:
+                    reported = True
+                    visitors.came()  # earlier ones found the bus taken
+                    print_over_status(goes_on_in_words(stop.waiting))
+                elif ended() or visitors.came():
+                    break
+                if now >= open_again:
+                    open_again = now + STOP_ROUND_MAXIMUM
+                    self._open_again(stop)
+            time.sleep(0.002 if reported else 0.0005)
             before = time.monotonic_ns()
             for index, wire in wires.items():
                 for identifier, data, arrival in wire.receive():
                     if arrival >= stop.began:  # a wire that was open before has frames of the run
                         stop.receive(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
+        visitors.close()
+        problems = {name: why for name, why in problems.items() if name not in self._opened()}
         return self.kill(), problems, stop.report()
+
+    def _opened(self):
+        """Return the names of the buses that are open here."""
+        return [self._plan["buses"][index]["name"] for index in self._wires]
+
+    def _open_again(self, stop):
+        """Open the interfaces again over which a safe stop cannot send."""
+        for index in stop.lost:
+            with suppress(CannotOpen):
+                again = open_wire(self._plan["buses"][index], again=True)
+                if index in self._wires:
+                    self._wires[index].close()
+                self._wires[index] = again
+                if self._plan["buses"][index]["line"] is None:
+                    again.listen(replies_of(stop.stopped.values(), index))
+
+
+def goes_on_in_words(names: Sequence[str]) -> str:
+    """Return the line on actuators that have not confirmed a stop by this process."""
+    return (
+        f"the guardian does not respond; the control process stops the motors: NOT confirmed by {', '.join(names)}; "
+        "its frames go on at a falling rate. Cut the power; Ctrl-C ends the stop"
+    )
 
 
 def _ending(code: int) -> str:

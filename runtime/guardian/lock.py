@@ -12,8 +12,13 @@ import pwd
 import socket
 import struct
 import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 NAME_BYTES = 80  # limit; the system allows 107
 CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
@@ -63,6 +68,32 @@ class BusLock:
     def close(self) -> None:
         """Release the bus, unless another process has inherited the lock."""
         self.socket.close()
+
+
+class Visitors:
+    """Processes that have connected to the locks of buses since the last look: each wants to take one.
+
+    descriptors : of the locks
+    """
+
+    def __init__(self, descriptors: Iterable[int]) -> None:
+        self.sockets = [socket.socket(fileno=os.dup(descriptor)) for descriptor in descriptors]
+
+    def came(self) -> bool:
+        """Return whether one has connected, and dismiss all of them."""
+        came = False
+        for lock in self.sockets:
+            with suppress(BlockingIOError):
+                lock.setblocking(False)
+                while True:
+                    lock.accept()[0].close()
+                    came = True
+        return came
+
+    def close(self) -> None:
+        """Close the descriptors of this object; the locks remain."""
+        for lock in self.sockets:
+            lock.close()
 
 
 def name_of(interface: str, channel: str) -> bytes:

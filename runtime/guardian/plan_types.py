@@ -119,11 +119,12 @@ class StopReport(TypedDict):
     """Result of a safe stop.
 
     confirmed, unconfirmed : names of devices; after : {name: s from the begin to its confirmation}
-    sent : frames; took : s
+    due : s, after which a confirmation is late; sent : frames; took : s
     """
 
     confirmed: list[str]
     unconfirmed: list[str]
     after: dict[str, float]
+    due: float
     sent: int
     took: float

@@ -21,7 +21,6 @@ import os
 import resource
 import select
 import signal
-import socket
 import sys
 import threading
 import time
@@ -35,8 +34,9 @@ from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY, STOP
 from runtime.base.ending import ignore_signals
 from runtime.base.run_mark import remove_mark
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
-from runtime.console.terminal import one_line
+from runtime.console.terminal import print_over_status
 from runtime.guardian import MEMORY_LOCKED, REALTIME, control_group
+from runtime.guardian.lock import Visitors
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop, replies_of
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
@@ -80,7 +80,7 @@ class Guardian:
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.drained = {}  # ns, by the index of a wire: everything older has been read
-        self.locks = []  # of the buses: a process that wants one connects to it
+        self.visitors = Visitors(())  # at the locks of the buses
         self.open_again = 0  # ns at which to open lost interfaces again
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
@@ -100,7 +100,7 @@ class Guardian:
             int(plan["limit"] * 1e9),
         )
         self.items, self.relays = plan["items"], plan["relays"]
-        self.locks = [socket.socket(fileno=os.dup(number)) for number in plan["locks"]]
+        self.visitors = Visitors(plan["locks"])
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
@@ -164,18 +164,7 @@ class Guardian:
         over = self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
         if not over or self.in_send:
             return False
-        return self.stop is None or self.reported and (self.released or self.stop.over or self._bus_is_wanted())
-
-    def _bus_is_wanted(self):
-        """Return whether another process has connected to the lock of a bus since the stop was reported."""
-        wanted = False
-        for lock in self.locks:
-            with suppress(BlockingIOError):
-                lock.setblocking(False)
-                while True:
-                    lock.accept()[0].close()
-                    wanted = True
-        return wanted
+        return self.stop is None or self.reported and (self.released or self.stop.over or self.visitors.came())
 
     def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
@@ -303,8 +292,7 @@ class Guardian:
     def _open_again(self, stop, now):
         """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
         self.open_again = now + STOP_ROUND_MAXIMUM
-        lost = {stop.stopped[name]["bus"] for name in stop.waiting} & stop.failing
-        for index in lost:
+        for index in stop.lost:
             wire, line = self.wires[index], self.buses[index]["line"]
             with suppress(CannotOpen):
                 again = open_wire(self.buses[index], again=True)
@@ -384,13 +372,13 @@ class Guardian:
             late = [name for name in verdict["unconfirmed"] if name not in report["unconfirmed"]]
             if late:
                 seconds = (now - stop.began) * 1e-9
-                _print_line(f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s")
+                print_over_status(f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s")
         verdict |= report
         if not self.reported:
             self.reported = True
             self.page.show_stop(False)
-            self._bus_is_wanted()  # earlier visitors found the bus taken
-            _print_line(_in_words(verdict))
+            self.visitors.came()  # earlier ones found the bus taken
+            print_over_status(_in_words(verdict))
         if stop.over and self.ordered:
             self._answer({"stop": verdict})
 
@@ -399,7 +387,7 @@ class Guardian:
         self.stuck_at = None
         if self.page.state in ("arming", "running") and not self.gone:
             words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
-            _print_line(words)
+            print_over_status(words)
 
     def _leave(self):
         if self.verdict is not None and self.gone:
@@ -424,15 +412,6 @@ class Guardian:
         """Send a line of JSON to the control process, if it still reads."""
         with suppress(BrokenPipeError):
             os.write(self.answers, json.dumps(message).encode() + b"\n")
-
-
-def _print_line(words):
-    """Write one line to standard error, on a terminal in place of the status line that the recorder has drawn.
-
-    words : with names of devices and interfaces, which may contain any characters
-    """
-    erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
-    print(erase + one_line(words), file=sys.stderr, flush=True)
 
 
 def _in_words(verdict):

@@ -85,6 +85,11 @@ class SafeStop:
         """Names of the devices that have not confirmed."""
         return [name for name, confirmation in self.confirmations.items() if not confirmation.confirmed]
 
+    @property
+    def lost(self) -> set[int]:
+        """Buses over which the frames for devices that have not confirmed cannot be sent: their adapter may return."""
+        return {self.stopped[name]["bus"] for name in self.waiting} & self.failing
+
     def step(self, now: int) -> None:
         """Send the due frames to devices that have not confirmed, and check whether the stop is complete."""
         if self.over:
@@ -151,12 +156,13 @@ class SafeStop:
                 break
 
     def report(self) -> StopReport:
-        """Return which devices have confirmed, the number of frames sent, and the duration."""
+        """Return which devices have confirmed, and when they were due; the number of frames sent, and the duration."""
         waiting = self.waiting
         return {
             "confirmed": [name for name in self.stopped if name not in waiting],
             "unconfirmed": waiting,
             "after": {name: round((at - self.began) * 1e-9, 3) for name, at in self.confirmed_at.items()},
+            "due": round(self.limit * 1e-9, 3),
             "sent": self.sent,
             "took": ((self.ended or self.newest) - self.began) * 1e-9,
         }

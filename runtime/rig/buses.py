@@ -28,7 +28,7 @@ from runtime.rig.streams import StreamLines
 from runtime.rig.udp import UdpInterface, failed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from cext.bus.memory_bus import BusEnd
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
     from graph import Diagram
     from graph.schedule import Schedule
-    from runtime.guardian.plan_types import PlanBus, PlanRelay
+    from runtime.guardian.plan_types import PlanBus, PlanRelay, StopReport
     from runtime.rig.file import RigBus, RigFile
     from runtime.rig.streams import StreamInterface
 
@@ -259,13 +259,13 @@ class RigBuses:
             if self.media[name] == "i2c":
                 bus.interface.start(priority)
 
-    def take_over(self) -> tuple[str, ...]:
-        """Stop the actuators without the guardian. Returns the names of those that did not confirm."""
+    def take_over(self, lasts: float, ended: Callable[[], bool]) -> StopReport:
+        """Stop the actuators without the guardian. Arguments as of GuardianProcess.take_over. Returns its report."""
         assert self.guardian is not None
         self.lost = self.descriptors.lost()
-        died, problems, stop = self.guardian.take_over()
+        died, problems, stop = self.guardian.take_over(lasts, ended)
         self.report = {"stop": None, "troubles": problems, "died": died, "taken_over": stop}
-        return tuple(stop["unconfirmed"])
+        return stop
 
     def remarks(self) -> list[str]:
         """Return remarks for the operator before the run."""

@@ -231,7 +231,7 @@ class Session:
         if self.keys is not None:
             self.keys.stop()
         if self.rig is not None and outcome is not None:
-            outcome = stopped_from_here(outcome, self.rig, self.page)
+            outcome = stopped_from_here(outcome, self.rig, self.page, self.request.stop_for)
             outcome = stopped_late(outcome, self.rig, self.request.stop_for)
         self.realtime.release()
         if self.realtime.spun:
@@ -281,8 +281,10 @@ class Session:
                 break
 
 
-def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Outcome:
+def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: float | None) -> Outcome:
     """Stop the actuators from this process if the guardian that carries their frames no longer answers.
+
+    seconds : as of `stopped_late`
 
     Returns the Outcome.
     """
@@ -290,7 +292,15 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Out
         return outcome
     if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
         outcome = replace(outcome, status="unguarded", culprit=None)
-    return replace(outcome, unconfirmed=rig.take_over())
+    with caught_signals() as caught:
+        report = rig.take_over(time_to_stop(seconds), lambda: bool(caught))
+    late = [(name, after) for name, after in report["after"].items() if after > report["due"]]
+    return replace(outcome, unconfirmed=tuple(report["unconfirmed"]), late=tuple(late))
+
+
+def time_to_stop(seconds: float | None) -> float:
+    """Return the time in s for which a stop continues. seconds : as of `stopped_late`"""
+    return seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
 
 
 def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
@@ -303,9 +313,8 @@ def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outc
     """
     if not outcome.unconfirmed or rig.report is not None or rig.guardian is None:
         return outcome
-    lasts = seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
     with caught_signals() as caught:
-        report = rig.guardian.go_on(outcome.unconfirmed, lasts, lambda: bool(caught))
+        report = rig.guardian.go_on(outcome.unconfirmed, time_to_stop(seconds), lambda: bool(caught))
     if report is None:
         return outcome
     late = {name: report["after"][name] + STOP_LIMIT * 1e-9 for name in report["confirmed"]}

@@ -160,3 +160,34 @@ def test_kill_9_of_the_guardian(run):
     _, err = process.communicate(timeout=30)
     listener.assert_stopped(killed)
     assert process.returncode == 3 and "the guardian does not respond" in err
+
+
+@needs_own_kernel
+@pytest.mark.parametrize("dead", [False, True], ids=["with its guardian", "without"])
+@pytest.mark.parametrize("away", [0.15, 1.0, 3.0])
+def test_a_drive_gets_its_stop_over_an_interface_that_returns_late(tmp_path, spare, away, dead):  # noqa: F811
+    rig = write(tmp_path, '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan9"\n', "lab.toml")
+    words = ["--rate", "50", "--no-record", "--realtime", "off", "--stop-for", "20", "--set", "knee.timeout=0.5"]
+    with Drives(MOTOR, spare), Node(spare) as node:
+        process = started(knee(tmp_path, law="return 2.0"), "--rig", rig, "--yes", *words, cwd=tmp_path)
+        deadline = time.monotonic() + 30.0
+        torque = {ENABLE, NOTHING, DISABLE}
+        while time.monotonic() < deadline and not any(
+            identifier == 1 and not is_answer(1, data) and data.hex().upper() not in torque
+            for identifier, data in node.heard()
+        ):
+            time.sleep(0.01)
+        if dead:
+            guardian_of(process).kill()
+        ip("set", "vcan9", "down")
+    time.sleep(away)  # the time that the interface is down
+    ip("set", "vcan9", "up")
+    with Drives(MOTOR, spare), Node(spare) as node:
+        came, heard = time.monotonic(), []
+        while DISABLE not in heard and time.monotonic() - came < 10.0:
+            heard += [data.hex().upper() for identifier, data in node.heard() if identifier == 1]
+            time.sleep(0.01)
+        took = time.monotonic() - came
+        out, err = process.communicate(timeout=30)
+    assert DISABLE in heard and took < 3.0, out + err
+    assert process.returncode == 3 and "confirmed by knee" in out and "NOT confirmed" not in out, out + err

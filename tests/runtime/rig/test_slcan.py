@@ -5,18 +5,21 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import termios
 import threading
 import time
 import tty
+from contextlib import contextmanager
 
 import pytest
 
 from blocks.actuators import CubeMars
 from graph import Diagram
 from runtime.base.errors import FAULT, OK
+from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import PythonCanWire
 from runtime.rig import RigBuses, RigError, read
 from runtime.rig.errors import Refused
@@ -338,3 +341,65 @@ def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, away)
         assert took < 1.5 and {data for _, data in again.frames} == {NOTHING, DISABLE}
         assert process.returncode == FAULT and "NOT confirmed by knee; its frames go on at a falling rate" in errors
         assert re.search(r"confirmed by knee only after [\d.]+ s", out)
+
+
+@contextmanager
+def left_to_the_control_process(folder, *words):
+    """A run whose adapter is unplugged as its guardian is killed. Yields the process, a link to the port, the port."""
+    link = folder / "port"
+    with Adapter() as adapter:
+        port = adapter.channel
+        link.symlink_to(port)
+        adapter.channel = str(link)
+        process = run(folder, adapter, *words)
+        try:
+            assert awaited(adapter.torque), "no torque was commanded"
+            guardian = guardian_of(process)
+            adapter.unplug()
+            guardian.kill()
+            link.unlink()
+            yield process, link, port
+        finally:
+            process.kill()
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize("away", [0.15, 1.0, 3.0])
+def test_without_a_guardian_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, away):
+    with left_to_the_control_process(tmp_path, "--stop-for", "8") as (process, link, _):
+        time.sleep(away)  # the time that the adapter is away
+        with Adapter() as again:
+            link.symlink_to(again.channel)
+            at = time.monotonic()
+            assert awaited(lambda: DISABLE in [data for _, data in list(again.frames)], 5.0), "it got no stop"
+            took = time.monotonic() - at
+            out, errors = process.communicate(timeout=10)
+        assert took < 1.5 and {data for _, data in again.frames} == {NOTHING, DISABLE}
+        assert process.returncode == FAULT and "confirmed by knee" in out
+        if away > 0.5:
+            assert "NOT confirmed by knee; its frames go on at a falling rate" in errors
+            assert re.search(r"confirmed by knee only after [\d.]+ s", out)
+
+
+def test_without_a_guardian_a_stop_that_nothing_confirms_ends_after_the_limit(tmp_path):
+    with left_to_the_control_process(tmp_path, "--stop-for", "1") as (process, _, _):
+        began = time.monotonic()
+        out, _ = process.communicate(timeout=10)
+        assert 1.0 < time.monotonic() - began < 4.0 and "NOT confirmed by knee: cut the power" in out
+
+
+@pytest.mark.parametrize("end", ["the operator", "another run"])
+def test_without_a_guardian_a_stop_that_nothing_confirms_ends_for(end, tmp_path):
+    with left_to_the_control_process(tmp_path, "--stop-for", "60") as (process, _, port):
+        line = ""
+        while "go on at a falling rate" not in line:
+            line = process.stderr.readline()
+        time.sleep(0.3)
+        assert process.poll() is None
+        if end == "the operator":
+            process.send_signal(signal.SIGINT)
+        else:
+            with pytest.raises(BusTaken):
+                BusLock("slcan", port)
+        out, _ = process.communicate(timeout=5)
+        assert process.returncode == FAULT and "NOT confirmed by knee: cut the power" in out
