@@ -93,9 +93,8 @@ def attempt(page, newest, reader):
         if reader == "drain":
             found = sum(len(payload) for _, payload in page.drain(10_000))
         elif reader == "read":
-            found = sum(
-                len(payload) for part in read(page) for _, payload in (part if hasattr(part, "rows") else [part])
-            )
+            parts = [[part] if isinstance(part, tuple) else list(part) for part in read(page)]
+            found = sum(len(payload) for part in parts for _, payload in part)
         elif reader == "take":
             found = take(page, 5)[0].nbytes
         else:
