@@ -437,7 +437,16 @@ class Device(Block):
 
 
 class Actuator(Device):
-    """A device that moves a joint. The compiler proves that each command stays inside its limit."""
+    """A device that moves a joint. The compiler proves that each command stays inside its limit.
+
+    unread_settings : settings stored in the drive that arming cannot read back, as text: nothing rests on them
+    """
+
+    unread_settings: Sequence[str] = ()
+
+    def settings_read(self) -> int:
+        """Return the number of settings that arming reads back."""
+        return len(self.read_frames())
 
     def adopt_assigned(self) -> None:
         """Check assigned parameters as other blocks do, and report assignments to what `configure` derives from them.

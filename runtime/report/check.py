@@ -224,9 +224,16 @@ def slew(proof: Mapping[str, Any]) -> str:
 
 
 def torque(bound: Mapping[str, Any] | None, console: Console) -> list[str]:
-    """Return the lines on an actuator's torque limit, if its proved commands do not bound it."""
-    if bound is None or bound["bound"] == "proved":
+    """Return the lines on an actuator's torque limit if its proved commands do not bound it, and on unread settings."""
+    if bound is None:
         return []
+    unread = (
+        console.hang("    settings not read back: ", ", ".join(bound["unread"]), console.warn)
+        if bound["unread"]
+        else []
+    )
+    if bound["bound"] == "proved":
+        return unread
     words = {"assumed": f"holds {bound['holds']}", "none": bound["holds"]}.get(
         bound["bound"], f"limited {bound['holds']}"
     )
@@ -236,7 +243,7 @@ def torque(bound: Mapping[str, Any] | None, console: Console) -> list[str]:
         lines += console.hang(
             "      ", f"{figure['description']}: {figure['value']:.3g} {figure['unit']}", console.faint
         )
-    return lines
+    return lines + unread
 
 
 def bar(proof: Mapping[str, Any]) -> str:

@@ -63,7 +63,9 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            bound), holds, safe_stop, assumes (further
                            condition of the torque limit; null: none)
   torque                   torque limit of each actuator: actuator, bound,
-                           limit (N·m), holds, acceleration (rad/s²), figures
+                           limit (N·m), holds, acceleration (rad/s²), figures,
+                           unread (settings of the drive that arming cannot
+                           read back: nothing rests on them)
     bound                  proved; assumed (while |α| <= acceleration); drive
                            (a limit in the drive); none
     figures                name, value, unit, description: usable damping,
@@ -153,7 +155,9 @@ def check(
         "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in analysis.holds],
         "proofs": [_describe_proof(proof, diagram, analysis.torque_bounds[proof.path]) for proof in analysis.proofs],
         "torque": [
-            _describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
+            _describe_torque(diagram[path], torque)
+            for path, torque in analysis.torque_bounds.items()
+            if torque is not None
         ],
         "caveats": [_describe_caveat(caveat) for caveat in analysis.caveats],
         "buses": buses(diagram, schedule),
@@ -249,9 +253,10 @@ def describe_steps(
     return described
 
 
-def _describe_torque(path: str, torque: TorqueBound) -> dict[str, Any]:
+def _describe_torque(block: Any, torque: TorqueBound) -> dict[str, Any]:
     return {
-        "actuator": path,
+        "actuator": block.path,
+        "unread": list(block.unread_settings),
         "bound": torque.kind,
         "limit": torque.limit,
         "holds": torque.holds or None,

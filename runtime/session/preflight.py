@@ -141,8 +141,10 @@ def read_back_of(block: Device) -> str:
     """Return a text on the settings of an actuator that arming reads back."""
     if not isinstance(block, Actuator):
         return ""
-    count = len(block.read_frames())
-    return f"{count} settings read back" if count else "settings not read back"
+    count = block.settings_read()
+    words = [f"{count} settings read back"] * bool(count)
+    words += [f"not read back: {', '.join(block.unread_settings)}"] * bool(block.unread_settings)
+    return "; ".join(words) or "settings not read back"
 
 
 def position_range(block: Device) -> tuple[float | None, float | None]:

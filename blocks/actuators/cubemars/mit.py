@@ -30,6 +30,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         fixed=True,
     )
 
+    unread_settings = ("mode", "current limit", "time-out")
     hardware = (*Joint.hardware, "reply")
     find = staticmethod(models.find)
     decode = kernels.decode

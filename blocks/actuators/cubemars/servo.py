@@ -127,6 +127,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
+    unread_settings = ("report rate", "current limit", "time-out")
     reports_a_tick: int
     # Joint and Reporting are not base classes, since this block does not have all of their ports
     watched, find_limit, given_limit, rated_torque = (

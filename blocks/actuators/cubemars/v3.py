@@ -123,6 +123,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     to the disable, confirm the safe stop.
     """
 
+    unread_settings = ("report rate", "current limit")
     reports_a_tick: int
     report_rate, restart_time, check_reports, prepare, feedback_range = (
         Reporting.report_rate,

@@ -72,6 +72,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
         self.ready = "talk" if self.own_timeout is not None else None
+        self.unread_settings = () if self.ready else ("mode", "torque limit", "time-out")
         self.talk = (*[0.0] * 7, READ_AGAIN, *[0.0] * 3)
         self.settings = frames.settings_of(self.written_settings())
 

@@ -288,6 +288,9 @@ class RobStride(Joint, Actuator):
             written.append((frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0))
         return written
 
+    def settings_read(self) -> int:
+        return len(self.written_settings())
+
     def ask_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the stop, which reports the state and leaves a running drive without torque."""
         return [self.command(frames.STOP)]

@@ -55,7 +55,10 @@ def test_torque_is_zero_until_operator_presses_enter(bus, terminal, tmp_path):
     assert (
         shown.count("0.100 rad in [-12.5, 12.5]") == 2
         and shown.count("30 °C        none") == 2
-        and " ".join(shown.split()).count("limit 18 N·m; settings not read back; own time-out: unknown;") == 2
+        and " ".join(shown.split()).count(
+            "limit 18 N·m; not read back: mode, current limit, time-out; own time-out: unknown;"
+        )
+        == 2
     )
     assert f"bus legs  udp_multicast {bus.channel}, load 9%, 11% at worst" in shown
     assert (
@@ -235,7 +238,8 @@ def test_a_healthy_drive_has_no_marks(knee):
         "before arming",
         "  device  bus and id  answered  age     position                    velocity    temperature  fault",
         "  knee    legs 7      yes       2.0 ms  0.500 rad in [-12.5, 12.5]  0.10 rad/s  31 °C        none   "
-        "limit 9 N·m; settings not read back; own time-out: unknown; safe stop: zero torque then disable",
+        "limit 9 N·m; not read back: mode, current limit, time-out; own time-out: unknown; safe stop: zero torque then "
+        "disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
         "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung "
         "block (the watchdog, then the guardian)",
@@ -249,8 +253,8 @@ def test_a_narrow_terminal_lists_the_readings_of_each_drive(knee):
     assert text(knee(fault=5.0), Console(80))[1:6] == [
         "  knee  bus and id legs 7; answered yes; age 2.0 ms; position 0.500 rad in",
         "    [-12.5, 12.5]; velocity 0.10 rad/s; temperature 31 °C; fault encoder !",
-        "    limit 9 N·m; settings not read back; own time-out: unknown; safe stop: zero",
-        "    torque then disable",
+        "    limit 9 N·m; not read back: mode, current limit, time-out; own time-out:",
+        "    unknown; safe stop: zero torque then disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
     ]
     assert all(len(line) <= 80 for line in text(knee(), Console(80)))
