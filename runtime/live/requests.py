@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 from graph import Param
@@ -26,8 +27,11 @@ def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, 
 
 
 def as_text(value: Any) -> str:
-    """Return a value in the syntax of `set`; a text as it is."""
-    return value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()
+    """Return a value as text for `set` and the command line; a text or a path as it is."""
+    if isinstance(value, (str, os.PathLike)):
+        return os.fspath(value)
+    value = value.item() if hasattr(value, "item") else value
+    return repr(value).lower() if isinstance(value, bool) else repr(value)
 
 
 def value_of(parameter: Parameter, name: str, text: str) -> float:

@@ -31,6 +31,7 @@ from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
 from runtime.base.suggestions import unknown_option
 from runtime.console.cell import in_cell
 from runtime.console.confirm import discard_typed
+from runtime.live.requests import as_text
 from runtime.live.running import page_of
 from runtime.session.request import Request
 
@@ -108,21 +109,13 @@ def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> li
         if value is True:
             arguments.append(flag)
         elif isinstance(value, Mapping):
-            pairs = [f"{key}={text_of(each)}" for key, each in value.items()]
+            pairs = [f"{key}={as_text(each)}" for key, each in value.items()]
             arguments += [flag, *pairs] if argument.get("nargs") else [f"{flag}={pair}" for pair in pairs]
         elif isinstance(value, (list, tuple)) and argument.get("action") == "append":
-            arguments += [f"{flag}={text_of(each)}" for each in value]
+            arguments += [f"{flag}={as_text(each)}" for each in value]
         else:
-            arguments.append(f"{flag}={text_of(value)}")
-    return [*arguments, *(f"--set={name}={text_of(value)}" for name, value in settings)]
-
-
-def text_of(value: Any) -> str:
-    """Return a value as text for the command line."""
-    if isinstance(value, (str, os.PathLike)):
-        return os.fspath(value)
-    value = value.item() if hasattr(value, "item") else value
-    return repr(value).lower() if isinstance(value, bool) else repr(value)
+            arguments.append(f"{flag}={as_text(value)}")
+    return [*arguments, *(f"--set={name}={as_text(value)}" for name, value in settings)]
 
 
 class RunProcess:
