@@ -258,7 +258,7 @@ class GuardianProcess(ChildProcess):
                     break
                 if now >= open_again:
                     open_again = now + STOP_ROUND_MAXIMUM
-                    self._open_again(stop)
+                    self._open_again(stop, self._plan["buses"])
             time.sleep(0.002 if reported else 0.0005)
             before = time.monotonic_ns()
             for index, wire in wires.items():
@@ -267,22 +267,19 @@ class GuardianProcess(ChildProcess):
                         stop.receive(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
         visitors.close()
-        problems = {name: why for name, why in problems.items() if name not in self._opened()}
+        for index in self._wires:
+            problems.pop(self._plan["buses"][index]["name"], None)
         return self.kill(), problems, stop.report()
 
-    def _opened(self):
-        """Return the names of the buses that are open here."""
-        return [self._plan["buses"][index]["name"] for index in self._wires]
-
-    def _open_again(self, stop):
-        """Open the interfaces again over which a safe stop cannot send."""
+    def _open_again(self, stop, buses):
+        """Open the interfaces again over which a safe stop cannot send. buses : of the plan"""
         for index in stop.lost:
             with suppress(CannotOpen):
-                again = open_wire(self._plan["buses"][index], again=True)
+                again = open_wire(buses[index], again=True)
                 if index in self._wires:
                     self._wires[index].close()
                 self._wires[index] = again
-                if self._plan["buses"][index]["line"] is None:
+                if buses[index]["line"] is None:
                     again.listen(replies_of(stop.stopped.values(), index))
 
 

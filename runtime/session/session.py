@@ -232,7 +232,7 @@ class Session:
             self.keys.stop()
         if self.rig is not None and outcome is not None:
             outcome = stopped_from_here(outcome, self.rig, self.page, self.request.stop_for)
-            outcome = stopped_late(outcome, self.rig, self.request.stop_for)
+            outcome = stopped_late(outcome, self.rig, self.page, self.request.stop_for)
         self.realtime.release()
         if self.realtime.spun:
             self.record({"event": "realtime", "lost": "the priority", "because": self.realtime.summary()})
@@ -292,6 +292,11 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState, second
         return outcome
     if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
         outcome = replace(outcome, status="unguarded", culprit=None)
+    return taken_over(outcome, rig, seconds)
+
+
+def taken_over(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
+    """Stop the actuators from this process. Returns the Outcome. seconds : as of `stopped_late`"""
     with caught_signals() as caught:
         report = rig.take_over(time_to_stop(seconds), lambda: bool(caught))
     late = [(name, after) for name, after in report["after"].items() if after > report["due"]]
@@ -303,8 +308,8 @@ def time_to_stop(seconds: float | None) -> float:
     return seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
 
 
-def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
-    """Let the guardian continue the stop of actuators that have not confirmed it.
+def stopped_late(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: float | None) -> Outcome:
+    """Let the guardian continue the stop of actuators that have not confirmed it, or continue it here if that dies.
 
     seconds : time for which it continues; None for the default: until the operator sends a signal, such as Ctrl-C,
         and for STOP_UNATTENDED without a terminal
@@ -315,6 +320,8 @@ def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outc
         return outcome
     with caught_signals() as caught:
         report = rig.guardian.go_on(outcome.unconfirmed, time_to_stop(seconds), lambda: bool(caught))
+    if report is None and not caught and not guardian_looks(page):
+        return taken_over(outcome, rig, seconds)
     if report is None:
         return outcome
     late = {name: report["after"][name] + STOP_LIMIT * 1e-9 for name in report["confirmed"]}

@@ -177,17 +177,21 @@ def test_a_drive_gets_its_stop_over_an_interface_that_returns_late(tmp_path, spa
             for identifier, data in node.heard()
         ):
             time.sleep(0.01)
-        if dead:
-            guardian_of(process).kill()
+        guardian = guardian_of(process)
         ip("set", "vcan9", "down")
-    time.sleep(away)  # the time that the interface is down
-    ip("set", "vcan9", "up")
-    with Drives(MOTOR, spare), Node(spare) as node:
+        if dead:
+            guardian.kill()
+    with Node(spare) as node:
+        time.sleep(away)  # the time that the interface is down
+        with pytest.raises(OSError, match="Network is down"):
+            node.heard()
+        ip("set", "vcan9", "up")
         came, heard = time.monotonic(), []
-        while DISABLE not in heard and time.monotonic() - came < 10.0:
-            heard += [data.hex().upper() for identifier, data in node.heard() if identifier == 1]
-            time.sleep(0.01)
-        took = time.monotonic() - came
-        out, err = process.communicate(timeout=30)
+        with Drives(MOTOR, spare):
+            while DISABLE not in heard and time.monotonic() - came < 10.0:
+                heard += [data.hex().upper() for identifier, data in node.heard() if identifier == 1]
+                time.sleep(0.01)
+            took = time.monotonic() - came
+            out, err = process.communicate(timeout=30)
     assert DISABLE in heard and took < 3.0, out + err
     assert process.returncode == 3 and "confirmed by knee" in out and "NOT confirmed" not in out, out + err

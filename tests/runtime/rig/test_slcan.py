@@ -403,3 +403,25 @@ def test_without_a_guardian_a_stop_that_nothing_confirms_ends_for(end, tmp_path)
                 BusLock("slcan", port)
         out, _ = process.communicate(timeout=5)
         assert process.returncode == FAULT and "NOT confirmed by knee: cut the power" in out
+
+
+def test_a_guardian_that_dies_while_it_continues_a_stop_is_replaced(tmp_path):
+    link = tmp_path / "port"
+    with Adapter() as adapter:
+        link.symlink_to(adapter.channel)
+        adapter.channel = str(link)
+        process = run(tmp_path, adapter, "--stop-for", "8")
+        assert awaited(adapter.torque), "no torque was commanded"
+        guardian = guardian_of(process)
+        adapter.unplug()
+        line = ""
+        while "go on at a falling rate" not in line:
+            line = process.stderr.readline()
+        guardian.kill()
+        link.unlink()
+        time.sleep(0.5)
+        with Adapter() as again:
+            link.symlink_to(again.channel)
+            assert awaited(lambda: DISABLE in [data for _, data in list(again.frames)], 5.0), "it got no stop"
+            out, _ = process.communicate(timeout=10)
+        assert re.search(r"confirmed by knee only after [\d.]+ s", out)
