@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs stencils test test-all test-hardware soak sanitize build docs wheel wheels clean FORCE
+.PHONY: help run lint stubs stencils test test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -43,6 +43,7 @@ help:
 	echo "make stubs          write the type stubs of blocks and of native modules"
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
+	echo "make reference      run the programs of Epically Powerful on emulated devices, in an environment of their own"
 	echo "make soak           run the long tests; a missing tool, such as the fuzzer, is an error"
 	echo "make sanitize       run the tests of native code with AddressSanitizer, UBSan and ThreadSanitizer"
 	echo "make build          compile changed modules"
@@ -88,6 +89,16 @@ stencils: $(VENV)/installed-test
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)
 	exec $(VENV)/bin/python -m pytest -rs tests/runtime/guardian tests/runtime/rig $(TESTS)
+
+# pymscl, which the package requires, has wheels for x86-64 and, from glibc 2.39 on, for aarch64; it needs Python 3.11 to 3.13.
+reference: $(VENV)/installed-test build/reference/installed
+	REFERENCE_PYTHON=$(CURDIR)/build/reference/bin/python SKIPPED_FILES=error \
+		$(VENV)/bin/python -m pytest tests/runtime/emulation/test_reference_programs.py $(TESTS)
+
+build/reference/installed:
+	$(VENV)/bin/python -m venv build/reference
+	build/reference/bin/python -m pip install --quiet epicallypowerful==1.0.7 pymscl==68.4.5 msgpack
+	touch $@
 
 # With SKIPPED_FILES=error a file whose tests are all skipped is an error: tests/conftest.py.
 soak: $(VENV)/installed-test
