@@ -8,16 +8,23 @@ Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws
 
 With SKIPPED_FILES=error a session fails if every selected test of a file was skipped: a check whose tool is missing has
 not been made. `make soak` sets it. Tests of real interfaces have a target of their own, `make test-hardware`.
+
+Signals that the parent ignores, as under nohup, have their default action here and in every process that a test starts.
 """
 
 import gc
 import os
+import signal
 
 from hypothesis import settings
 
 TESTS_BETWEEN_COLLECTIONS = 40
 FULL_COLLECTION_INTERVAL = 20  # collections
 finished = 0
+
+for number, action in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, action)
 
 settings.register_profile("steady", max_examples=30, derandomize=True, deadline=None)
 settings.register_profile("soak", max_examples=1000, deadline=None)

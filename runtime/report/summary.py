@@ -48,6 +48,8 @@ def exit_code(outcome: Outcome, unsaved: str = "") -> int:
 def unsaved(result: RunResult) -> str:
     """Return what the recording of a run lacks, as text; "" for a complete one."""
     recording = result.recording
+    if result.request.no_record:
+        return ""
     partial = [file["path"] for file in recording.get("files", []) if file.get("note") in (INCOMPLETE, DELETED)]
     dropped = result.statistics["dropped"]
     lacks = [f"{count(dropped, 'record')} lost"] * bool(dropped and recording.get("files"))

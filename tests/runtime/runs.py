@@ -186,6 +186,13 @@ class Listener:
         while datagram := self.socket.recv(65536):
             self.arrived.put(datagram)
 
+    @property
+    def dropped(self):
+        """Datagrams that the system has dropped because nobody took them in time, as on a busy machine."""
+        port = f":{self.socket.getsockname()[1]:04X}"
+        lines = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+        return sum(int(words[-1]) for words in lines if words[1].endswith(port))
+
     def wait(self, count, timeout=30.0):
         """The next `count` datagrams."""
         return [self._parse(self.arrived.get(timeout=timeout)) for _ in range(count)]

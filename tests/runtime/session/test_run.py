@@ -35,11 +35,12 @@ SIDES = {"left": 1, "right": 2}
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory):
-    """The knee exoskeleton for 2 s by the clock, with a listener: (process, files, datagrams)."""
+    """The knee exoskeleton for 2 s by the clock: (process, files, datagrams, or None if the system dropped some)."""
     folder = tmp_path_factory.mktemp("walked")
     with Listener() as listener:
         process = finished(KNEE_EXO, "--duration", "2", "--plotjuggler", listener.address, cwd=folder)
-        return process, Files(folder / "recordings"), listener.rest()
+        datagrams = listener.rest()
+        return process, Files(folder / "recordings"), None if listener.dropped else datagrams
 
 
 def test_every_grid_point_is_a_row_or_missed(walked):
@@ -81,8 +82,10 @@ def test_columns_have_headings(walked):
 
 def test_every_datagram_arrives_in_order_and_holds_the_rows_numbers(walked):
     _, files, datagrams = walked
+    if datagrams is None:
+        pytest.skip("the system has dropped datagrams: this machine was too busy to take them")
     table = files.table
-    assert stamps(datagrams) == pytest.approx(table["time [s]"], abs=1e-6)
+    assert stamps(datagrams) == pytest.approx(table["time [s]"] - table["time [s]"][0], abs=1e-6)
     for side in SIDES:
         for port, column in (("position", "position [rad]"), ("torque_sent", "torque_sent [N*m]"), ("fault", "fault")):
             assert [datagram[side]["knee"][port] for datagram in datagrams] == list(table[f"{side}/knee.{column}"])
