@@ -1,8 +1,12 @@
-"""Tables of names on the pages have the names of the code, all of them."""
+"""Tables of names on the pages have the names of the code, all of them, and tables of messages its messages."""
 
+import ast
 import inspect
 import re
 from dataclasses import fields
+from functools import cache
+
+import pytest
 
 from graph import Param
 from runtime.cli.main import COMMANDS
@@ -16,6 +20,19 @@ from tests.docs.pages import NAMES
 
 DOCS = ROOT / "docs"
 CODE = re.compile(r"`([^`]+)`")
+MESSAGES = re.compile(
+    r"^\| (?:message|symptom|message in the journal) \|[^\n]*\n\|[-|: ]+\n((?:\|.*\n)+)", re.MULTILINE
+)
+OF_OTHERS = (
+    "No module named",
+    "cannot import name",
+    "Python.h",
+    "KilledWorker",
+    "KeyError",
+    "mocap.",
+    "trial 0",
+    "can0 ...",
+)
 
 
 def page(name):
@@ -81,3 +98,34 @@ def test_declarations_of_a_parameter():
 def test_every_command_is_on_a_page():
     text = "".join((ROOT / name).read_text() for name in NAMES)
     assert [name for name in COMMANDS if not re.search(rf"python -m runtime {name}\b|`{name}`", text)] == []
+
+
+@cache
+def messages():
+    """Return the texts of the program, in which a null byte stands for a value."""
+    found = set()
+    for path in (path for folder in ("graph", "blocks", "runtime") for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = [part.value if isinstance(part, ast.Constant) else "\0" for part in node.values]
+                found.add("".join(parts).strip("\0 "))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.add(node.value)
+    return found
+
+
+def is_printed(message):
+    """Return whether the program prints a message, with any values."""
+    known = [text for text in messages() if "\0" in text and len(text.replace("\0", "").strip()) > 7]
+    patterns = (".*?".join(map(re.escape, text.split("\0"))) for text in known)
+    parts = message.split("...")
+    return all(any(part.strip() in text for text in messages()) for part in parts) or any(
+        re.search(pattern, message) for pattern in patterns
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if MESSAGES.search((ROOT / name).read_text())])
+def test_the_messages_of_a_page_are_printed(name):
+    for rows in MESSAGES.findall((ROOT / name).read_text()):
+        for message in column(rows):
+            assert any(words in message for words in OF_OTHERS) or is_printed(message), message
