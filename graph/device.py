@@ -176,6 +176,7 @@ class DampedStop:
     acceleration : highest acceleration of the joint, rad/s²; bounds the speed at the arrival of the next frame
     round : time between frames, s
     limit : highest torque while damping, N·m
+    transit : longest time from a frame to the arrival of its reply, unless it is measured, s
     """
 
     duration: float
@@ -184,6 +185,7 @@ class DampedStop:
     acceleration: float
     round: float
     limit: float
+    transit: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ def damped_stop(joint: Any, frames_of: Callable[..., Any], velocity: ReplyField)
         acceleration=joint.max_acceleration,
         round=STOP_DAMP_ROUND * 1e-9,
         limit=joint.torque_limit,
+        transit=joint.max_transit,
     )
 
 

@@ -13,10 +13,11 @@ cdef class SpeedBands:
     cdef Field velocity          # rad/s
     cdef double acceleration     # rad/s²
     cdef readonly int64_t round  # ns
+    cdef readonly int64_t transit    # ns, assumed
     cdef double speed            # rad/s, newest
     cdef int64_t seen            # ns of its arrival; -1 before the first
 
     cdef int load(self, velocity) except -1
     cdef void forget(self) noexcept nogil
     cdef bint note(self, const Frame *frame) noexcept nogil
-    cdef const Batch *choose(self, int64_t now) noexcept nogil
+    cdef const Batch *choose(self, int64_t now, int64_t transit) noexcept nogil

@@ -2,8 +2,9 @@
 """Damping in a safe stop: frames of pure damping by speed, so that damping times speed stays within the torque limit.
 
     note       reads the joint's velocity from a reply
-    choose     the frames of the lowest band that covers |ω| + two codes + a (age + 2 rounds), the highest possible
-               speed until the next frame but one
+    choose     the frames of the lowest band that covers |ω| + two codes + a (age + transit + 2 rounds), the highest
+               possible speed until the next frame but one has arrived. A reply is as old as its frame, and the next
+               frame is under way, too: transit is the time for both ways
 
 The loop, the watchdog and the guardian use this class. Without a velocity, or with an old one, the last band applies:
 it is within the limit at every speed that the drive can encode.
@@ -28,9 +29,10 @@ cdef class SpeedBands:
     round : ns between frames
     acceleration : rad/s², upper bound of the joint's acceleration
     velocity : graph.ReplyField or an object with its attributes, or None
+    transit : ns from a frame to the arrival of its reply, where it is not measured
     """
 
-    def __init__(self, bands, int64_t round, double acceleration, velocity=None):
+    def __init__(self, bands, int64_t round, double acceleration, velocity=None, int64_t transit=0):
         speeds = [speed for speed, _ in bands]
         if sorted(set(speeds)) != speeds or speeds[len(speeds) - 1 :] != [INFINITY]:
             raise ValueError("bands must be in ascending order of speed and end with infinity, got %r" % (speeds,))
@@ -45,7 +47,7 @@ cdef class SpeedBands:
         for index, (speed, frames) in enumerate(bands):
             load_batch(&self.batches[index], frames)
             self.speeds[index] = speed
-        self.round, self.acceleration = round, acceleration
+        self.round, self.acceleration, self.transit = round, acceleration, transit
         if velocity is not None:
             self.load(velocity)
         self.forget()
@@ -72,13 +74,17 @@ cdef class SpeedBands:
         self.seen = frame.time
         return True
 
-    cdef const Batch *choose(self, int64_t now) noexcept nogil:
-        """Return the frames to send now. now : ns, on the clock of the frames' times"""
+    cdef const Batch *choose(self, int64_t now, int64_t transit) noexcept nogil:
+        """Return the frames to send now.
+
+        now : ns, on the clock of the frames' times
+        transit : ns, the longest measured, or `self.transit`
+        """
         cdef double age, reach
         cdef int index
         if self.seen < 0:
             return &self.batches[self.count - 1]
-        age = max(now - self.seen, 0) * 1e-9
+        age = (max(now - self.seen, 0) + transit) * 1e-9
         reach = self.speed + 2.0 * self.velocity.step + self.acceleration * (age + 2e-9 * self.round)
         for index in range(self.count - 1):
             if reach <= self.speeds[index]:
@@ -96,7 +102,7 @@ cdef class SpeedBands:
 
     def frames(self, int64_t now) -> list[tuple[int, bytes]]:
         """Call `choose` from Python. Returns a list of (identifier with the flag bits of struct can_frame, data)."""
-        cdef const Batch *batch = self.choose(now)
+        cdef const Batch *batch = self.choose(now, self.transit)
         return [
             (batch.frames[index].id,
                 bytes(batch.frames[index].data[: batch.frames[index].length])) for index in range(batch.count)]

@@ -98,7 +98,7 @@ cdef class DeviceTable:
         self.load_zeroing(&device.zeroing, entry.zeroing)
         if entry.damp is not None:
             bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration,
-                entry.damp.velocity)
+                entry.damp.velocity, round(entry.damp.transit * 1e9))
             self.keep.append(bands)
             device.bands = <void *>bands
             device.damping = round(entry.damp.duration * 1e9)

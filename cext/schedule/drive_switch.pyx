@@ -20,7 +20,7 @@ from cext.safety.transit cimport note_asked
 from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_events cimport NOT_RETURNED, NOT_STOPPED, RETURNED, STOPPED, TAKEN_OUT
 from cext.schedule.handover cimport acquire, release
-from cext.schedule.safe_stop cimport ask, under_way
+from cext.schedule.safe_stop cimport ask, damping_transit, under_way
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
@@ -201,7 +201,8 @@ cdef class DriveSwitch:
             if self.buses.page != NULL:                          # the guardian does not damp them
                 set_out(self.buses.page, number, device.drive.state >= OUT)
             if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
-                batch = <Batch *>(<SpeedBands>device.bands).choose(now + 2 * period)
+                batch = <Batch *>(<SpeedBands>device.bands).choose(
+                    now + 2 * period, damping_transit(device))
                 status |= self.buses.send(device.bus, batch.frames, batch.count, now, False)
                 note_asked(&device.transit, batch.count, now, now, -1)
             elif device.drive.state == OUT and (

@@ -20,4 +20,5 @@ cdef class SafeStop:
     cdef void note_speeds_of(self, int bus) noexcept nogil
 
 cdef int64_t under_way(const Device *device) noexcept nogil
+cdef int64_t damping_transit(const Device *device) noexcept nogil
 cdef int ask(Device *device, Buses buses, int64_t now, bint zero, bint stopping) noexcept nogil

@@ -65,7 +65,7 @@ cdef class SafeStop:
                     pump(self.table, self.buses, device, now, True)
             elif device.damped and (since < device.damping or not disabling):
                 if since >= device.damp_due:
-                    batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+                    batch = <Batch *>(<SpeedBands>device.bands).choose(now, damping_transit(device))
                     self.buses.send(device.bus, batch.frames, batch.count, now, True)
                     note_asked(&device.transit, batch.count, now, now, -1)
                     device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
@@ -145,6 +145,14 @@ cdef int ask(Device *device, Buses buses, int64_t now, bint zero, bint stopping)
 cdef int64_t under_way(const Device *device) noexcept nogil:
     """Return the time in ns that a reply to an earlier command may still be under way, as was measured."""
     return min(max(device.transit.newest, device.transit.pending, longest_transit(&device.transit)), STOP_LIMIT // 4)
+
+
+cdef int64_t damping_transit(const Device *device) noexcept nogil:
+    """Return the time in ns that damping allows for from a frame to its reply: the longest that may be true."""
+    cdef int64_t measured = max(device.transit.newest, device.transit.pending, longest_transit(&device.transit))
+    if device.transit.answers and device.transit.measured:
+        return measured
+    return max(measured, (<SpeedBands>device.bands).transit)
 
 
 cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:

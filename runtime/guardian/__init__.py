@@ -340,6 +340,7 @@ def _damping(stop: DampedStop | None) -> PlanDamp | None:
         "duration": stop.duration,
         "round": stop.round,
         "acceleration": stop.acceleration,
+        "transit": stop.transit,
         "velocity": _encoded_field(stop.velocity),
         "bands": [(None if speed == math.inf else speed, _encoded_frames(frames)) for speed, frames in stop.bands],
     }

@@ -35,11 +35,12 @@ class PlanField(TypedDict):
 
 
 class PlanDamp(TypedDict):
-    """Damping: durations in s, acceleration in rad/s², bands of (highest speed in rad/s or None, frames)."""
+    """Damping: times in s, acceleration in rad/s², bands of (highest speed in rad/s or None, frames)."""
 
     duration: float
     round: float
     acceleration: float
+    transit: float
     velocity: PlanField | None
     bands: list[tuple[float | None, list[EncodedFrame]]]
 
@@ -98,6 +99,7 @@ class StopDamp(TypedDict):
     duration: float
     round: float
     acceleration: float
+    transit: float
     velocity: PlanField | None
     bands: list[tuple[float, list[Frame]]]
 

@@ -173,7 +173,10 @@ class Damped:
 
     def __init__(self, damp: StopDamp, now: int) -> None:
         bands = [(speed, [(identifier, False, data) for identifier, data in frames]) for speed, frames in damp["bands"]]
-        self.bands = SpeedBands(bands, round(damp["round"] * 1e9), damp["acceleration"], _field(damp["velocity"]))
+        velocity = _field(damp["velocity"])
+        self.bands = SpeedBands(
+            bands, round(damp["round"] * 1e9), damp["acceleration"], velocity, round(damp["transit"] * 1e9)
+        )
         self.end, self.due = now + round(damp["duration"] * 1e9), now
 
     def frames(self, now: int) -> list[tuple[int, bytes]]:

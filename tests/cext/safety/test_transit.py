@@ -189,3 +189,41 @@ def test_the_longest_certain_transit_is_reported():
             commands=LAWS["K30 B1 L12"][1],
         )  # fmt: skip
         assert rig.control.reports.transits == {"knee": pytest.approx(total, abs=0.0006)}
+
+
+def accelerating(begin, acceleration=500.0, top=20.0):
+    """A joint that rests until `begin`, and is then accelerated to `top` rad/s."""
+
+    def motion(t):
+        rising = min(max(t - begin, 0.0), top / acceleration)
+        after = max(t - begin - top / acceleration, 0.0)
+        return 0.5 * acceleration * rising**2 + top * after, acceleration * rising
+
+    return motion
+
+
+@pytest.mark.hazard("H1c")
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+@pytest.mark.parametrize("begin", [0.49, 0.5, 0.505, 0.52])
+@pytest.mark.parametrize("total", [0.0, 0.008, 0.016, 0.030])
+@pytest.mark.parametrize("name", KINDS)
+def test_a_damped_stop_stays_within_the_limit_over_any_transit(name, total, begin, lost):
+    """The replies are as old as their frames, and the damping acts later: the joint may be faster by then.
+    While lost frames leave the transit in doubt, the damping is that of an unknown speed.
+    """
+    limit, options = 5.0, {"restart_time": 0.0} if "V3" in name else {}
+    rig, outcome = connected(
+        name,
+        accelerating(begin),
+        lossy(constant(total), lost),
+        rate=200,
+        seconds=0.5,
+        limit=limit,
+        commands={"torque_command": 0.0},
+        safe_stop="damp",
+        stop_damping=2.0,
+        stop_time=0.15,
+        **options,
+    )
+    torques = np.abs(rig.torques[:, 1])
+    assert outcome.status == "ok" and 0.35 * limit < torques.max() <= limit + rig.torque_code

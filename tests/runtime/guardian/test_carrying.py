@@ -248,6 +248,7 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
                 "duration": 0.1,
                 "round": 0.002,
                 "acceleration": 500.0,
+                "transit": 0.0,
                 "velocity": None,
                 "bands": [(math.inf, [(1, b"damp")])],
             }

@@ -35,6 +35,7 @@ def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity
         "duration": damp_time,
         "round": 0.002,
         "acceleration": 500.0,
+        "transit": 0.0,
         "velocity": velocity,
         "bands": [(speed, [(identifier, data)]) for speed, data in bands or [(math.inf, b"damp")]],
     }
@@ -158,6 +159,7 @@ def test_stop_ends_when_all_drives_confirm(legs):
         "confirmed": ["left", "right", "hip"],
         "unconfirmed": [],
         "after": {"left": 0.015, "right": 0.015, "hip": 0.015},
+        "due": 0.2,
         "sent": 12,
         "took": pytest.approx(0.015),
     }
