@@ -14,6 +14,7 @@ MOTION = {
     "position": (["motor"], 1.0),
     "impedance": (["motor"], 0.6),
     "imu_to_actuator": (["motor"], 1.0),
+    "imu_to_torque": (["motor"], 0.8),
     "streaming": (["left", "right"], 1.0),
     "position_with_visualisation": (["left/hip", "left/knee"], 1.0),
 }
