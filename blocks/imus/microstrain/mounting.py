@@ -28,7 +28,7 @@ def stored(angles: Sequence[float], newer: bool) -> tuple[float, ...]:
     if newer:
         return tuple(angles)
     r = matrix(angles)  # its inverse is its transpose
-    return math.atan2(r[1][2], r[2][2]), -math.asin(max(-1.0, min(1.0, r[0][2]))), math.atan2(r[0][1], r[0][0])
+    return math.atan2(r[1][2], r[2][2]), math.asin(max(-1.0, min(1.0, 0.0 - r[0][2]))), math.atan2(r[0][1], r[0][0])
 
 
 def between(a: Sequence[float], b: Sequence[float]) -> float:
