@@ -15,6 +15,7 @@ from cext.safety import thresholds
 from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from graph.conformance import check_block
 from graph.declarations import RAMP_TIME
+from runtime.analysis import average_stride
 from runtime.base import errors
 from runtime.cli import optimise
 from runtime.commissioning.calibration import fits, stillness
@@ -24,7 +25,7 @@ from runtime.machine import realtime
 from runtime.optimisation import costs, description, metabolic, protocol
 from runtime.recorder import process, status, writer
 from runtime.recorder.services import rerun
-from runtime.recording import files, mcap_file
+from runtime.recording import files, grouping, mcap_file
 from runtime.session import own_process
 from tests.checkout import ROOT
 from tests.docs.block_pages import homes
@@ -48,6 +49,7 @@ def native(path, name):
 
 
 PORT = default(PlotJuggler, "port")
+STRIDES = (average_stride.STRIDE_MINIMUM, average_stride.STRIDE_LIMIT)  # s
 WHEELS = [int(minor) for minor in re.findall(r'"cp3(\d+)-manylinux', PYPROJECT)]
 PYTHONS = (min(WHEELS), max(WHEELS))  # minor versions
 GLIBC = int(re.search(r'manylinux-x86_64-image = "manylinux_2_(\d+)"', PYPROJECT)[1])
@@ -132,6 +134,8 @@ PRINTED = [  # page, pattern in its text, in one line, whose groups are numbers,
     ("reference/networks", r"`stale` \(([\d.]+) s\)", default(OnnxModel, "stale")),
     ("reference/rate", r"real-time priority of (\d+), below", priority.PRIORITY),
     ("reference/recordings", r"chunks of about (\d+) MiB", mcap_file.CHUNK / 2**20),
+    ("reference/recordings", r"shorter than ([\d.]+) s or longer than (\d+) s", STRIDES),
+    ("reference/recordings", r"at most (six) plots of (twelve) signals", (grouping.PLOTS, grouping.CURVES)),
     ("reference/recordings", r"flushes every ([\d.]+) s", writer.FLUSH_PERIOD),
     ("reference/recordings", r"every process is killed \| ([\d.]+) s", writer.FLUSH_PERIOD + writer.POLL_PERIOD / 1e3),
     (
@@ -184,7 +188,7 @@ PRINTED = [  # page, pattern in its text, in one line, whose groups are numbers,
     ("CONTRIBUTING", r"for glibc 2\.(\d+) or newer", GLIBC),
     ("tutorial/4_rig", r"timeout \(([\d.]+) s\)", default(CubeMars, "timeout")),
 ]
-WORDS = {"two": 2, "three": 3, "third": 3, "five": 5, "ten": 10, "twelve": 12}
+WORDS = {"two": 2, "three": 3, "third": 3, "five": 5, "six": 6, "ten": 10, "twelve": 12}
 NAMED = re.compile(r"`(\w+)`,? \(?(-?\d[\d.]*) (ms|s|%|Hz|rad/s²|rad/s|rad|°C|N·m)(?![\w/·²])")
 FACTORS = {"ms": 1e-3, "%": 1e-2}
 
