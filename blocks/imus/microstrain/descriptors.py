@@ -110,6 +110,10 @@ CHANNELS = {
 }
 COMMON = {"accel": "accel", "gyro": "gyro", "mag": "mag", "temperature": "temperatures"}
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")  # channels that are requested by default
+UNTURNED = (  # older generation: what is wrong, and the remedy
+    "sensor_to_vehicle, does not turn the attitude of its complementary filter",
+    'set attitude="filter", or sensor_to_vehicle=(0.0, 0.0, 0.0)',
+)
 EXTRA = tuple(field.name for field in FIELDS if field.name not in COMMON.values())
 
 
@@ -127,6 +131,11 @@ def wanted(channels: tuple[str, ...], attitude: str) -> list[Field]:
 def name_of(channel: str, attitude: str) -> str:
     """Return the name of the Field of a block's channel."""
     return (COMMON | CHANNELS[attitude]).get(channel, channel)
+
+
+def of_complementary_filter(fields: Sequence[Field]) -> bool:
+    """Return whether an attitude of the complementary filter is among Fields."""
+    return any(field.name in ("sensor_quaternion", "sensor_euler", "sensor_matrix") for field in fields)
 
 
 def is_known(field: Field, known: Collection[int]) -> bool:

@@ -5,11 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from blocks.imus.microstrain import models, mounting
-from blocks.imus.microstrain.descriptors import FILTER, SENSOR, STANDARD, STANDARD_GRAVITY, lacking, requested, wanted
+from blocks.imus.microstrain.descriptors import (
+    FILTER,
+    SENSOR,
+    STANDARD,
+    STANDARD_GRAVITY,
+    UNTURNED,
+    lacking,
+    of_complementary_filter,
+    requested,
+    wanted,
+)
 from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
 
-FIELD_LIMIT = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
+FIELD_LIMIT = 16  # fields of a format, of cext/kernels/devices/microstrain/settings.pxd
 INFO = 16  # characters of each text in the device information
 
 
@@ -85,6 +95,9 @@ class EmulatedMicroStrain(Device):
         _, refused = lacking(self.channels, self.attitude, spec.data)
         if refused:
             raise ValueError(f"channels: the {spec.name} has no {', '.join(refused)}")
+        if any(self.sensor_to_vehicle) and not spec.newer:
+            if of_complementary_filter(wanted(self.channels, self.attitude)):
+                raise ValueError(f"the rotation of the {spec.name}, {'; '.join(UNTURNED)}")
         texts = (spec.name, spec.number, f"{spec.number[:4]}.{self.serial}", "", "5g, 300dps")
         data = (1106).to_bytes(2, "big") + b"".join(text[:INFO].rjust(INFO).encode("ascii") for text in texts)
         self.about, self.known = tuple(map(float, data)), tuple(map(float, spec.known))

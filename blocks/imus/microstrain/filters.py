@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from blocks.imus.microstrain import mip, mounting
-from blocks.imus.microstrain.descriptors import BY_NAME, SENSOR
+from blocks.imus.microstrain.descriptors import BY_NAME, SENSOR, UNTURNED, of_complementary_filter
 from blocks.imus.microstrain.queries import Refusal, ask
 
 if TYPE_CHECKING:
@@ -147,14 +147,8 @@ def mount(sensor: Commands) -> Iterator[Exchange]:
         return
     if not wanted:
         sensor.remarks.append(f"reports in axes turned by the rotation stored in it: {in_degrees(found)}")
-    if not newer and any(
-        field.name in ("sensor_quaternion", "sensor_euler", "sensor_matrix") for field in sensor.device.fields
-    ):
-        sensor.refuse(
-            f"its sensor-to-vehicle rotation, {in_degrees(found)}, does not turn the attitude of its complementary "
-            "filter",
-            'set attitude="filter", or sensor_to_vehicle=(0.0, 0.0, 0.0)',
-        )
+    if not newer and of_complementary_filter(sensor.device.fields):
+        sensor.refuse(f"its rotation, {in_degrees(found)}, {UNTURNED[0]}", UNTURNED[1])
 
 
 def in_degrees(angles: tuple[float, ...]) -> str:

@@ -130,6 +130,8 @@ def test_the_older_generation_rejects_a_mounting_with_the_complementary_filter()
     with pytest.raises(Rejected, match="does not turn the attitude of its complementary filter"):
         set_up(wired(GX5), attitude="sensor", sensor_to_vehicle=ROLLED)
     set_up(wired(GX5), attitude="sensor", channels=("accel", "gyro"), sensor_to_vehicle=ROLLED)
+    with pytest.raises(DiagramError, match="does not turn the attitude of its complementary filter"):
+        simulate(5, device={"channels": ("accel", "sensor_matrix"), "sensor_to_vehicle": ROLLED})
     set_up(wired(CV7), attitude="sensor", sensor_to_vehicle=ROLLED)
 
 
