@@ -55,23 +55,28 @@ def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, compariso
     file : open for writing bytes; kind : "png" or "svg"
     """
     from runtime.analysis import picture
-    from runtime.analysis.picture import drawable, plain
+    from runtime.analysis.picture import broken, drawable, plain
 
     ticks, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     shown_first = rank(comparison)[:PLOT_SIGNAL_LIMIT]
     figure = picture.figure(12.0, 1.2 + 1.8 * len(shown_first), dpi=120)
     rows = figure.subplots(len(shown_first), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, shown_first):
-        both = ticks % math.lcm(here.every(d.path), there.every(d.path)) == 0
+        every = math.lcm(here.every(d.path), there.every(d.path))
+        both = ticks % every == 0
         time = here.time[mine[both]]
         a, b = here.column(d.path)[mine[both]].astype(float), there.column(d.path)[others[both]].astype(float)
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
         centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
         shown = np.abs(time - centre) <= WINDOW / 2
-        near.plot(time[shown], drawable(a[shown]), color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
-        near.plot(time[shown], drawable(b[shown]), color="#c8452c", linewidth=1.1, label=plain(there.path.name))
-        far.plot(time, drawable(difference), color="#c8452c", linewidth=0.8)
+
+        def line(values: np.ndarray, part: np.ndarray | slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+            return broken(ticks[both][part], time[part], drawable(values)[part], every)  # noqa: B023
+
+        near.plot(*line(a, shown), color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
+        near.plot(*line(b, shown), color="#c8452c", linewidth=1.1, label=plain(there.path.name))
+        far.plot(*line(difference), color="#c8452c", linewidth=0.8)
         far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
         near.set_title(plain(d.path), loc="left", fontsize=9)
         near.set_ylabel("" if d.unit in PLAIN else d.unit)

@@ -62,6 +62,17 @@ def drawable(values: ArrayLike) -> np.ndarray:
     return np.where(np.abs(values) < AXIS_LIMIT, values, np.nan)
 
 
+def broken(ticks: np.ndarray, times: np.ndarray, values: np.ndarray, every: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times and values of a line that ends where more than one sample in a row is missing.
+
+    ticks : of the samples
+    times, values : of the samples
+    every : ticks from one sample to the next
+    """
+    gaps = np.flatnonzero(np.diff(ticks) > 2 * every) + 1
+    return np.insert(times, gaps, times[gaps]), np.insert(values, gaps, np.nan)
+
+
 def plain(text: str) -> str:
     """Escape the dollar signs of a label, which would begin a formula."""
     return text.replace("$", r"\$")

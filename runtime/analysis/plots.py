@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import COLOURS, GREY, INK, drawable, plain, short
+from runtime.analysis.picture import COLOURS, GREY, INK, broken, drawable, plain, short
 from runtime.analysis.resample import at_ticks
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
@@ -100,10 +100,10 @@ def over_time(
     for axis, paths in zip(axes, rows):
         for number, path in enumerate(paths):
             values = trial[path]
-            steps = values.dtype != float
+            steps, every = values.dtype != float, trial.every(path)
+            ticks = trial.tick if every == 1 else trial.tick[trial.tick % every == 0]
             axis.plot(
-                trial.time_of(path),
-                drawable(values),
+                *broken(ticks, trial.time_of(path), drawable(values), every),
                 color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
                 linewidth=1.2,
                 label=str(number),

@@ -25,7 +25,12 @@ T = TypeVar("T", bound="TrialData")
 
 
 def resampled(trial: T, rate: float) -> T:
-    """Return a Trial with rows at integer multiples of 1 / rate. rate : Hz. Raises BadInput for an empty trial."""
+    """Return a Trial with rows at integer multiples of 1 / rate, NaN in the gaps of a damaged recording.
+
+    rate : Hz
+
+    Raises BadInput for an empty trial.
+    """
     if not rate > 0.0 or not np.isfinite(rate):
         raise BadInput(f"resample({rate!r}): expected a rate in Hz above 0")
     if not len(trial):
@@ -52,6 +57,8 @@ def resampled(trial: T, rate: float) -> T:
     for path in trial.names:
         places, shape = trial.find(path)
         made.rows[:, places] = over_times(trial, path, at)
+    for before, after in trial.gaps:
+        made.rows[(made.time > before + near) & (made.time < after - near)] = np.nan
     made.frames = []
     made.events = [at_rate(event, trial.about["rate"], rate) for event in trial.events]
     return made

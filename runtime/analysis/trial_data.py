@@ -38,6 +38,9 @@ def split(path: str) -> tuple[str, str]:
 class TrialData:
     """Recording. What is asked for is read from its file then, and kept.
 
+    Opening reads the metadata. The first use of anything else checks the whole file: the values that are returned have
+    a valid checksum, and those of damaged parts of the file are missing everywhere.
+
     signals : {path: {"index", "path", "dtype", "unit", "circle", "every"}}, in the order of the row
     rows : (ticks, signals) array of doubles; a signal is NaN in ticks in which it was not recorded
     tick, time, lateness : arrays over the rows; s
@@ -45,7 +48,9 @@ class TrialData:
     events : [dict]
     about, end, diagram : metadata of the recording; `end` and `diagram` may be None
     complete, trouble : whether the recording was finished and is undamaged; if not, the problem with the file, in one
-        line. They check the whole file when they are first used
+        line
+    damaged : whether bytes of the file are damaged. The ticks in them are missing
+    gaps : [(time of the last tick before it, time of the first one after it)] of damaged bytes, in s
     file : runtime.recording.parts.Recording that is read; None for a run without a file
     parts : [Path] of its files: several if another recorder continued it
     seams : of each part but the first, how it continues (runtime.recording.parts.Seam)
@@ -114,32 +119,37 @@ class TrialData:
         self.places = {path: place for place, path in enumerate(self.signals)}
 
     def check(self, progress: Callable[[float], None] = lambda share: None) -> None:
-        """Check every message of the recording. A damaged one then ends before the damage; see `trouble`.
+        """Check every message of the recording, once. The ticks of damaged parts are missing; see `trouble`.
 
         progress : called with the fraction that has been checked
 
-        Raises BadInput if no part of it is readable.
+        Raises BadInput if the file is not a recording.
         """
-        if self.file is not None and self.file.check(progress) and self._recording is not None:
-            self._forget()
-
-    def _forget(self):
-        for name in READ:
-            self.__dict__.pop(name, None)
-        self._columns = {}
-        self.seams = self._recording.seams
+        if self.file is not None:
+            self.file.check(progress)
 
     @property
     def complete(self) -> bool:
-        """Whether the recording was finished and is undamaged. The first use checks the whole file."""
-        self.check()
+        """Whether the recording was finished and is undamaged."""
         return self.file is None or self.file.finished
 
     @property
     def trouble(self) -> str:
-        """Problem with the file in one line; '' if it is complete. The first use checks the whole file."""
-        self.check()
+        """Problem with the file in one line; '' if it is complete."""
         return "" if self.file is None else self.file.trouble
+
+    @property
+    def damaged(self) -> bool:
+        """Whether bytes of the file are damaged, apart from a missing end."""
+        return self.file is not None and self.file.is_damaged
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Times of the last tick before and of the first tick after damaged bytes of the file, in s."""
+        if self.file is None:
+            return []
+        rate = self.file.about["rate"]
+        return [(before / rate, after / rate) for before, after in self.file.gaps]
 
     @cached_property
     def end(self) -> dict[str, Any] | None:
@@ -195,8 +205,6 @@ class TrialData:
     def _read(self, places):
         """Read and keep the ticks and the values of signals; all of them as the rows. Returns the cached attributes."""
         read = self._recording.rows(places, self._first, self._last)
-        if len(read.tick) != len(self.__dict__.get("tick", read.tick)):  # the file is damaged
-            self._forget()
         for name in ("tick", "time", "lateness"):
             self.__dict__.setdefault(name, getattr(read, name))
         if len(places) == len(self.signals):
@@ -263,7 +271,9 @@ class TrialData:
         rows = [self._recording.row_from("time", time) for time in (start, stop)]
         low, high = self._first, len(self._recording) if self._last is None else self._last
         made._first, made._last = (min(max(row, low), high) for row in rows)
-        made._forget()
+        for name in READ:
+            made.__dict__.pop(name, None)
+        made._columns = {}
         return made
 
     def row_groups(self, count: int, places: Sequence[int] | None = None) -> Iterator[Rows]:
@@ -281,8 +291,6 @@ class TrialData:
             else:
                 first = self._first + done
                 group = self._recording.rows(places, first, min(first + count, self._first + len(self)))
-            if not len(group.tick):  # the file is damaged
-                return
             done += len(group.tick)
             yield group
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from runtime.base.errors import OK, BadInput
+from runtime.analysis.trial import Trial
+from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.optional_dependencies import MissingExtra
 from runtime.base.options import number
 from runtime.base.suggestions import suggestion
@@ -23,7 +24,7 @@ READING_SHARE = 0.5  # of the progress
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code; raises BadInput for arguments that cannot be used.
+    """Run the command. Returns the exit code, 1 if a recording is damaged; raises BadInput for unusable arguments.
 
     A recording that cannot be converted is reported, and the others are converted.
     """
@@ -72,12 +73,17 @@ def main(arguments: Sequence[str]) -> int:
     code = OK
     for recording in heads(options.recordings):
         try:
-            for path in (
-                finished(recording)
-                if options.in_place
-                else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
-            ):
-                print_lines([path])
+            with Progress(f"{'finishing' if options.in_place else 'converting'} {recording.name}") as progress:
+                trial = read(recording, progress, 0.0, READING_SHARE)
+                if trial.damaged:
+                    code = max(code, CHECK_FAILED)
+                for path in (
+                    finished(trial, progress)
+                    if options.in_place
+                    else converted(trial, dict.fromkeys(kinds), options.rate, options.output, names, progress)
+                ):
+                    progress.terminal.erase()
+                    print_lines([path])
         except MissingExtra:  # no recording can be converted
             raise
         except BadInput as error:
@@ -98,58 +104,56 @@ def formats(text: str) -> list[str]:
 
 
 def converted(
-    recording: Path,
+    trial: Trial,
     kinds: dict[str, None],
     rate: float | None,
     folder: Path | None,
     names: tuple[dict[str, str], Path] | None,
+    progress: Progress,
 ) -> Iterator[str]:
     """Convert one recording and yield the paths of the files. No file is written if a format cannot hold it.
 
     names : coordinates and the path of their file, or None
     """
-    with Progress(f"converting {recording.name}") as progress:
-        trial = read(recording, progress, 0.0, READING_SHARE)
-        if rate is not None:
-            trial = trial.resample(rate)
-        if names is not None:
-            trial = opensim.named(trial, *names)
-        for kind in kinds:
-            FORMATS.load(kind).check(trial, kind)
-        stem = str((folder or recording.parent) / recording.stem)
-        for place, kind in enumerate(kinds):
-            step = (1.0 - READING_SHARE) / len(kinds)
-            try:
-                if folder is not None:
-                    make(folder)
-                path = convert(
-                    trial, kind, stem, progress.part(READING_SHARE + place * step, READING_SHARE + (place + 1) * step)
-                )
-            except OSError as error:
-                raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
+    recording = trial.path
+    if rate is not None:
+        trial = trial.resample(rate)
+    if names is not None:
+        trial = opensim.named(trial, *names)
+    for kind in kinds:
+        FORMATS.load(kind).check(trial, kind)
+    stem = str((folder or recording.parent) / recording.stem)
+    for place, kind in enumerate(kinds):
+        step = (1.0 - READING_SHARE) / len(kinds)
+        try:
+            if folder is not None:
+                make(folder)
+            path = convert(
+                trial, kind, stem, progress.part(READING_SHARE + place * step, READING_SHARE + (place + 1) * step)
+            )
+        except OSError as error:
+            raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
+        if kind in OPENSIM and opensim.missed(trial):
             progress.terminal.erase()
-            if kind in OPENSIM and opensim.missed(trial):
-                print_to_stderr(
-                    [
-                        f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in: "
-                        "OpenSim requires equally spaced times"
-                    ]
-                )
-            yield path
+            print_to_stderr(
+                [
+                    f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in: "
+                    "OpenSim requires equally spaced times"
+                ]
+            )
+        yield path
 
 
-def finished(recording: Path) -> Iterator[Path]:
+def finished(trial: Trial, progress: Progress) -> Iterator[Path]:
     """Complete the files of one recording in place and yield their paths."""
-    with Progress(f"finishing {recording.name}") as progress:
-        for path in read(recording, progress, 0.0, READING_SHARE).parts:
-            try:
-                finish(path, progress.part(READING_SHARE, 1.0))
-            except RepairFailed as error:
-                raise BadInput(str(error)) from None
-            except OSError as error:
-                raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None
-            progress.terminal.erase()
-            yield path
+    for path in trial.parts:
+        try:
+            finish(path, progress.part(READING_SHARE, 1.0))
+        except RepairFailed as error:
+            raise BadInput(str(error)) from None
+        except OSError as error:
+            raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None
+        yield path
 
 
 def make(folder: Path) -> None:

@@ -83,7 +83,9 @@ class Copy:
                 self.numbers[topic] = self.writer.channel(topic, descriptor, name)
         for done, chunk in enumerate(reader.ahead(lambda _, chunk: chunk, range(len(chunks)))):
             for data in chunk.in_order():
-                self.message(contents.topics[MESSAGE.unpack_from(data)[2]], data)
+                topic = contents.topics.get(MESSAGE.unpack_from(data)[2])
+                if topic is not None:
+                    self.message(topic, data)
             self.writer.file.flush()
             progress(done / len(chunks))
         self.attachments(reader, [place for place in contents.attachments if place[0] >= begin])

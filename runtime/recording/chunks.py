@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD, reserved
 from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA
 from runtime.recording.zstd_stream import decode
 
 FILE_RATIO_LIMIT, FILE_LIMIT_MINIMUM = 100, 16 << 20  # all chunks of a file: times its size, and at least these bytes
+ROOMS = {name: reserved(name) for name in ("", ZSTD)}  # what the head of a chunk replaces
 STREAM = "zstd stream"  # compression of a chunk that was not completed, and may end anywhere
 # bytes of a message record, as a NumPy dtype
 MESSAGE_HEAD = [
@@ -58,6 +59,8 @@ class Chunk:
     counts : {channel: number of messages}
     headless : whether it has no head of a chunk
     limit : bytes of its messages that are undamaged; None for all
+    trim : {channel: (number of its first messages, of its last messages) that are not used}, of incomplete rows beside
+        a gap
     """
 
     at: int
@@ -69,6 +72,7 @@ class Chunk:
     counts: dict[int, int] = field(default_factory=dict)
     headless: bool = False
     limit: int | None = None
+    trim: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
 class Messages(NamedTuple):
@@ -154,25 +158,33 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
 
     descriptor : of the file
 
+    A chunk whose head was not written has no checksum: its size and its index are compared.
+
     Raises ValueError or LookupError if the chunk is damaged.
     """
     raw = memoryview(os.pread(descriptor, chunk.end - chunk.at, chunk.at))
     stored, indices = raw[chunk.begin - chunk.at :][: chunk.length], raw[chunk.begin - chunk.at + chunk.length :]
-    if chunk.compression == STREAM:
+    if chunk.compression == STREAM or raw[: len(ROOMS[ZSTD])] == ROOMS[ZSTD]:
         plain = decode(bytes(stored), chunk.size).data
-    elif chunk.headless:
+    elif chunk.headless or raw[: len(ROOMS[""])] == ROOMS[""]:
         plain = stored
     else:
         head, compression, size, checksum, length = head_of(raw)
         if (chunk.at + head, length, compression, size) != (chunk.begin, chunk.length, chunk.compression, chunk.size):
             raise ValueError("a head that differs from the index")
         plain = expand(Stored(compression, stored, size, checksum))
+    if len(plain) != chunk.size:
+        raise ValueError(f"{len(plain)} bytes instead of {chunk.size}")
     data = np.frombuffer(plain, dtype=np.uint8)
     offsets = indexed(data, indices) if len(indices) else None
     messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
     if not (chunk.headless or messages.end == len(data)):
         raise ValueError("a record longer than its chunk")
-    return messages if chunk.limit is None else messages.until(chunk.limit)
+    messages = messages if chunk.limit is None else messages.until(chunk.limit)
+    for channel, (first, last) in chunk.trim.items():
+        offsets = messages.offsets.get(channel, NONE)
+        messages.offsets[channel] = offsets[first : len(offsets) - last]
+    return messages
 
 
 def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | None:

@@ -9,18 +9,19 @@ import zlib
 from dataclasses import dataclass, field
 from typing import Any
 
+from runtime.recording import messages
 from runtime.recording.chunks import PLACE, Chunk
+from runtime.recording.correction import corrected
 from runtime.recording.json_text import parsed_json
 from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX
+from runtime.recording.metadata import describes_signals
 from runtime.recording.records import (
     ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK_INDEX,
     DAMAGE,
     FOOTER,
-    HEADER,
     MAGIC,
-    RECORD_LIMIT,
     SCHEMA,
     STATISTICS,
     read,
@@ -41,6 +42,9 @@ class Contents:
     schemas : {channel: (name of the message, serialised FileDescriptorSet)}
     attachments : [(position of the record, its size in bytes)]
     chunks : [Chunk], in order
+    written : messages that the recorder has counted; None if that is unknown
+    gaps : [(first byte, end)] of damaged bytes between the records
+    broken : names of damaged attachments
     finished, trouble : whether its recorder has written its end; if not, the problem with the file, in one line
     """
 
@@ -52,6 +56,9 @@ class Contents:
     schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
     attachments: list[tuple[int, int]] = field(default_factory=list)
     chunks: list[Chunk] = field(default_factory=list)
+    written: int | None = None
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
     finished: bool = False
     trouble: str = ""
 
@@ -61,10 +68,30 @@ class Contents:
         self.topics.setdefault(channel.id, channel.topic)
         self.schemas.setdefault(channel.id, ("", b"") if schema is None else (schema.name, schema.data))
 
-    def attach(self, name: str, data: bytes) -> None:
-        """Take an attachment. Raises ValueError if it is not JSON, and BadInput if it is nested too deep."""
-        if name in ATTACHMENTS:
-            setattr(self, name.removesuffix(".json"), parsed_json(data))
+    def number(self) -> None:
+        """Take a channel whose record is damaged from the metadata: a recorder numbers channels in a fixed order."""
+        if self.about is None or not describes_signals(self.about):
+            return
+        order = dict(enumerate(messages.topics(self.about), 1))
+        differing = [number for number, topic in order.items() if self.topics.get(number) != topic]
+        if len(differing) == 1:
+            self.topics = order
+            self.schemas.setdefault(differing[0], ("", b""))
+
+    def attach(self, body: bytes) -> str:
+        """Take an attachment and return its name. A damaged one, with more than one wrong byte, is not used.
+
+        body : bytes after the head of its record
+
+        Raises ValueError if it is not JSON, and BadInput if it is nested too deep.
+        """
+        mended = corrected(body)
+        attachment = read("Attachment", body if mended is None else mended)
+        if mended is None:
+            self.broken.append(attachment.name)
+        elif attachment.name in ATTACHMENTS:
+            setattr(self, attachment.name.removesuffix(".json"), parsed_json(attachment.data))
+        return attachment.name
 
 
 def summarised(stream: Any, size: int) -> Contents | None:
@@ -85,12 +112,8 @@ def summarised(stream: Any, size: int) -> Contents | None:
     summary = os.pread(stream.fileno(), size - tail - start, start)
     if checksum == 0 or zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(summary)) != checksum:
         return None
-    contents, attachments, indices, schemas, written = Contents(finished=True), [], [], {}, None
+    contents, attachments, indices, schemas = Contents(finished=True), [], [], {}
     try:
-        head = HEAD.unpack(os.pread(stream.fileno(), HEAD.size, len(MAGIC)))
-        if head[0] != HEADER or head[1] > RECORD_LIMIT:
-            return None
-        contents.library = read("Header", os.pread(stream.fileno(), head[1], len(MAGIC) + HEAD.size)).library
         for _, kind, data in walk(io.BytesIO(summary), start):
             body = data[HEAD.size :]
             if kind == SCHEMA:
@@ -103,15 +126,17 @@ def summarised(stream: Any, size: int) -> Contents | None:
             elif kind == ATTACHMENT_INDEX:
                 attachments.append(read("AttachmentIndex", body))
             elif kind == STATISTICS:
-                written = read("Statistics", body).message_count
+                contents.written = read("Statistics", body).message_count
         for entry in sorted(attachments, key=lambda entry: entry.offset):
             if entry.offset + entry.length > size:
                 continue
             contents.attachments.append((entry.offset, entry.length))
             if entry.name in ATTACHMENTS:
                 data = os.pread(stream.fileno(), entry.length, entry.offset)
-                attachment = read("Attachment", data[HEAD.size :])
-                contents.attach(attachment.name, attachment.data)
+                try:
+                    contents.attach(data[HEAD.size :])
+                except (McapError, *DAMAGE):
+                    contents.broken.append(entry.name)
         at = len(MAGIC)
         for index in indices:
             chunk = chunk_of(index)
@@ -121,8 +146,10 @@ def summarised(stream: Any, size: int) -> Contents | None:
             at = chunk.end
     except (McapError, *DAMAGE):
         return None
-    counted = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
-    return contents if contents.about is not None and contents.end is not None and written == counted else None
+    if contents.written != sum(sum(chunk.counts.values()) for chunk in contents.chunks):  # some are not in chunks
+        return None
+    has_end = contents.end is not None or "end.json" in contents.broken
+    return contents if contents.about is not None and has_end else None
 
 
 def chunk_of(index: Any) -> Chunk | None:

@@ -231,6 +231,12 @@ def subsystems(name: str, signals: Iterable[dict[str, Any]]) -> list[Subsystem]:
     return made
 
 
+def topics(about: dict[str, Any]) -> list[str]:
+    """Return the topics of a recording in the order of its channels. about : its metadata"""
+    buses = [BUS + bus for bus in about["buses"]]
+    return [*(part.topic for part in subsystems(about["name"], about["signals"])), ROW_END, *buses, EVENTS]
+
+
 def topic_of(folder: str) -> str:
     """Return the topic of a subsystem, which differs from the recorder's own topics."""
     return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"

@@ -127,27 +127,37 @@ class Recording:
 
     @property
     def finished(self) -> bool:
-        """Whether the recorder has completed the last part."""
-        return self.readers[-1].finished
+        """Whether the recorder has completed the last part, and no part is damaged."""
+        return self.readers[-1].finished and not self.is_damaged
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether bytes of a part are damaged, apart from a missing end."""
+        self.check()
+        return any(reader.is_damaged for reader in self.readers)
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """[(last tick before, first tick after)] of the damaged bytes between ticks of a part."""
+        self.check()
+        return [gap for reader in self.readers for gap in reader.gaps]
 
     @property
     def trouble(self) -> str:
-        """Problem with the last part, in one line; "" without one."""
-        return self.readers[-1].trouble
+        """Problem with a damaged part or the last part, in one line; "" without one."""
+        self.check()
+        texts = [reader.trouble for reader in self.readers if reader.is_damaged or reader is self.readers[-1]]
+        return "; ".join(filter(None, texts))
 
     @property
     def paths(self) -> list[Path]:
         """Paths of the parts."""
         return [reader.path for reader in self.readers]
 
-    def check(self, progress: Callable[[float], None] = lambda share: None) -> bool:
-        """Check every message. Arguments, result and errors as of Reader.check."""
-        count, changed = len(self.readers), False
+    def check(self, progress: Callable[[float], None] = lambda share: None) -> None:
+        """Check every message. Argument and errors as of Reader.check."""
         for number, reader in enumerate(self.readers):
-            changed |= reader.check(lambda share, number=number: progress((number + share) / count))
-        if changed and count > 1:
-            self.arrange()
-        return changed
+            reader.check(lambda share, number=number: progress((number + share) / len(self.readers)))
 
     def starts(self, count: int | None = None) -> list[int]:
         """Return the number of rows before each part, and of all. count : of parts"""

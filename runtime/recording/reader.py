@@ -1,8 +1,8 @@
 """Reader: one file of a recording, of which only the required chunks are read.
 
-Opening reads the summary of a complete file, or scans any other file for its chunks. Checksums and messages are checked
-when a chunk is read. A file that was cut off, or is damaged, is read up to there. Any other file is rejected with a
-message that names its content.
+Opening reads the summary of a complete file, or scans any other file for its chunks. Before the first value is read,
+every chunk is checked, once: damaged chunks are gaps, and what the file contains is the same from then on. Any other
+file is rejected with a message that names its content.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import read_ahead
 from runtime.recording.batches import NO_FRAMES, Rows
-from runtime.recording.check import Check, first_damaged_content
-from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, MESSAGE_HEAD, ExpansionLimit, Messages, load
+from runtime.recording.check import Check, Inspected, inspect
+from runtime.recording.chunks import MESSAGE_HEAD, Chunk, ExpansionLimit, Messages, TooLarge, load
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents, summarised
+from runtime.recording.correction import corrected
 from runtime.recording.mcap_file import HEAD
 from runtime.recording.metadata import validate
 from runtime.recording.records import DAMAGE, LIBRARY, MAGIC, read
@@ -69,13 +70,13 @@ class Reader:
 
     def __init__(self, path: Path, progress: Callable[[float], None]) -> None:
         need("mcap.stream_reader", "reading a recording")
-        self.path, self.checked = path, False
+        self.path = path
         if path.is_fifo():  # `open` would wait for its writer
             raise BadInput(f"{path} is a pipe, and a recording is not read in order: pass a file")
         try:
             with open(path, "rb", buffering=0) as stream:
                 self.size = os.fstat(stream.fileno()).st_size
-                contents = summarised(stream, self.size) or Scan(stream, self.size, False, progress).contents
+                contents = summarised(stream, self.size) or Scan(stream, self.size, progress).contents
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
@@ -87,78 +88,78 @@ class Reader:
         if contents.about is None:
             raise BadInput(f"{path} {self.not_a_recording(contents)}")
         validate(path, contents.about)
-        self.about = contents.about
-        self.take(contents)
-        if len(self) * self.row_size > max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * self.size):
-            self.check(progress)
-
-    def take(self, contents: Contents) -> None:
-        """Use these contents of the file."""
-        self.contents = contents
-        self.layout = Layout(self.path, contents.about, contents.topics)
+        self.layout = Layout(path, contents.about, contents.topics)
         self.about, self.end, self.diagram = contents.about, contents.end, contents.diagram
-        self.row_size = sum(kind.itemsize for kind in self.layout.rows.values())
+        self.found = contents
+
+    @cached_property
+    def contents(self) -> Contents:
+        """Contents of the file, with the chunks that are undamaged."""
+        self.check()
+        return self.__dict__["contents"]
+
+    def check(self, progress: Callable[[float], None] = lambda share: None) -> None:
+        """Check every message of the file, once. progress : called with the fraction that has been checked
+
+        Raises BadInput if the file is not a recording.
+        """
+        if "contents" in self.__dict__:
+            return
+        contents, chunks, check = self.found, self.found.chunks, Check(self.layout)
+        gaps, (count, refused) = list(contents.gaps), admitted(chunks, self.size)
+        with open(self.path, "rb", buffering=0) as stream:
+            found = read_ahead.ahead(
+                lambda chunk: self.inspected(stream.fileno(), chunk), chunks[:count], lambda chunk: chunk.size
+            )
+            for number, (chunk, content) in enumerate(zip(chunks, found)):
+                progress(number / len(chunks))
+                while gaps and gaps[0][0] < chunk.at:
+                    check.lose(*gaps.pop(0))
+                if content is None:
+                    check.lose(chunk.at, chunk.end)
+                else:
+                    check.add(chunk, content)
+        for gap in gaps:
+            check.lose(*gap)
+        check.end()
+        contents.chunks = check.chunks
+        texts = [check.text(self.about["rate"], self.size, (contents.end or {}).get("last_tick"))]
+        if not check.gaps and contents.written not in (None, check.count) and not refused:
+            texts.append(f"is damaged: {check.count} of its {contents.written} messages are readable")
+        texts += [f"is damaged: the checksum of its {name} is wrong, and it is not used" for name in contents.broken]
+        texts += [refused]
+        self.is_damaged = any(texts)
+        begin = -1 if self.about.get("part", 1) == 1 else None
+        between = [(begin if gap.before is None else gap.before, gap.after) for gap in check.gaps]
+        self.gaps = [(a, b) for a, b in between if a is not None and b is not None and b - a > 1]
+        texts.append(contents.trouble.removeprefix(f"{self.path} "))
+        if contents.trouble and check.unverified:
+            texts[-1] += f"; its last {check.unverified} ticks have no checksum"
+        contents.trouble = f"{self.path} {', and '.join(filter(None, texts))}" if any(texts) else ""
+        contents.finished = not contents.trouble
+        self.contents = contents
+
+    def inspected(self, descriptor: int, chunk: Chunk) -> Inspected | None:
+        """Read a chunk and check its messages. Returns None for a damaged one. Errors as of `check`"""
+        try:
+            return inspect(self.layout, chunk, load(descriptor, chunk))
+        except (OSError, BadInput):
+            raise
+        except DAMAGE:
+            return None
+
+    @cached_property
+    def before(self) -> dict[Any, list[int]]:
+        """{channel: number of messages before each chunk, and in all}."""
         channels: list[Any] = [*self.layout.rows, self.layout.events, *self.layout.buses]
-        # {channel: number of messages before each chunk, and in all}
-        self.before = {
-            channel: list(accumulate((chunk.counts.get(channel, 0) for chunk in contents.chunks), initial=0))
+        return {
+            channel: list(accumulate((chunk.counts.get(channel, 0) for chunk in self.contents.chunks), initial=0))
             for channel in channels
         }
-        self.__dict__.pop("events", None)
-        self.__dict__.pop("began", None)
 
     def __len__(self) -> int:
         """Return the number of complete rows."""
         return min((self.before[channel][-1] for channel in self.layout.complete), default=0)
-
-    def check(self, progress: Callable[[float], None] = lambda share: None) -> bool:
-        """Check every message of the file, once.
-
-        progress : called with the fraction that has been checked
-
-        Returns whether the number of rows has changed. Raises BadInput if the file is not a recording.
-        """
-        if self.checked:
-            return False
-        self.checked = True
-        began, known = self.__dict__.get("began"), len(self)
-        self.scan(False, lambda share: None)
-        if not self.is_valid(progress):
-            self.scan(True, progress)
-        if began is not None:
-            self.began = began
-        return len(self) != known
-
-    def scan(self, deep: bool, progress: Callable[[float], None]) -> None:
-        """Use the contents that a scan of the file finds. deep : whether it checks every message"""
-        with open(self.path, "rb", buffering=0) as stream:
-            contents = Scan(stream, os.fstat(stream.fileno()).st_size, deep, progress).contents
-        if contents.about is None:
-            raise BadInput(f"{self.path} {self.not_a_recording(contents)}")
-        self.take(contents)
-
-    def is_valid(self, progress: Callable[[float], None]) -> bool:
-        """Return whether every message of every chunk is valid."""
-        chunks, check = self.contents.chunks, Check(self.layout, {})
-
-        def content(number: int, messages: Messages) -> tuple[Messages, int | None]:
-            return messages, first_damaged_content(self.layout, messages)
-
-        try:
-            for number, (messages, damaged) in enumerate(self.ahead(content, range(len(chunks)))):
-                progress(number / len(chunks))
-                counts = {channel: len(offsets) for channel, offsets in messages.offsets.items()}
-                if (
-                    counts != chunks[number].counts
-                    or damaged is not None
-                    or check.first_damaged_row(messages) is not None
-                ):
-                    return False
-        except (OSError, BadInput):
-            raise
-        except DAMAGE:
-            return False
-        return True
 
     @property
     def trouble(self) -> str:
@@ -176,6 +177,8 @@ class Reader:
             mcap = stream.read(len(MAGIC)) == MAGIC
         if self.size == 0 or mcap and contents.library == LIBRARY:
             return "was truncated before its first tick and contains no data"
+        if "about.json" in contents.broken:
+            return "is damaged: the checksum of its about.json, which lists the signals, is wrong"
         if mcap:
             return f"is an MCAP file of another program ({contents.library or 'unknown'}): pass a recording of Tickwork"
         beside = self.path.parent / f"{self.path.stem}.mcap"
@@ -189,29 +192,32 @@ class Reader:
 
         growth : size of a result, as a multiple of that of the messages
 
-        Raises ValueError or LookupError at a damaged chunk, or before.
+        Raises BadInput if the file has changed since it was checked.
         """
         chunks = self.contents.chunks
-        with open(self.path, "rb", buffering=0) as stream:
-            yield from read_ahead.ahead(
-                lambda number: work(number, load(stream.fileno(), chunks[number])),
-                self.admitted(numbers),
-                lambda number: growth * chunks[number].size,
-            )
 
-    def admitted(self, numbers: Iterable[int]) -> Iterator[int]:
-        """Yield the numbers of chunks. Raises TooLarge at one that exceeds the limit on what the file expands to."""
-        expansion = ExpansionLimit(self.size)
-        for number in numbers:
-            if self.contents.chunks[number].compression:
-                expansion.admit(self.contents.chunks[number].size)
-            yield number
+        def checked(number: int) -> Result:
+            messages = load(stream.fileno(), chunks[number])
+            offsets, counts = messages.offsets, chunks[number].counts
+            if any(len(offsets.get(channel, ())) != count for channel, count in counts.items()):
+                raise ValueError("other messages")
+            return work(number, messages)
+
+        with open(self.path, "rb", buffering=0) as stream:
+            try:
+                yield from read_ahead.ahead(checked, numbers, lambda number: growth * chunks[number].size)
+            except (OSError, BadInput):
+                raise
+            except DAMAGE:
+                raise BadInput(f"{self.path} has changed while it was read") from None
 
     def attachments(self, places: Iterable[tuple[int, int]]) -> Iterator[Any]:
         """Yield attachments as records of the mcap package. places : as in Contents"""
         with open(self.path, "rb", buffering=0) as stream:
             for at, size in places:
-                yield read("Attachment", os.pread(stream.fileno(), size, at)[HEAD.size :])
+                body = corrected(os.pread(stream.fileno(), size, at)[HEAD.size :])
+                if body is not None:
+                    yield read("Attachment", body)
 
     def with_messages(self, channels: Iterable[int], first: int = 0, last: int | None = None) -> list[int]:
         """Return the numbers of the chunks with messages of channels, of the rows from `first` to `last`."""
@@ -227,31 +233,13 @@ class Reader:
             )
         ]
 
-    def retried(self, read: Callable[[], Result]) -> Result:
-        """Return the result of a function that reads chunks; if one is damaged, check the file and read up to there."""
-        try:
-            return read()
-        except (OSError, BadInput):
-            raise
-        except DAMAGE:
-            self.check_once()
-            return read()
-
-    def check_once(self) -> None:
-        """Check the file, in which a damaged chunk was read. Raises BadInput if it has been checked before."""
-        if self.checked:
-            raise BadInput(f"{self.path} has changed while it was read") from None
-        self.check()
-
     def rows(self, places: Iterable[int], first: int = 0, last: int | None = None) -> Rows:
         """Read rows.
 
         places : of the signals
         first, last : rows; by default all
         """
-        return self.retried(lambda: self._rows(list(places), first, last))
-
-    def _rows(self, places: list[int], first: int, last: int | None) -> Rows:
+        places = list(places)
         last = len(self) if last is None else min(last, len(self))
         rows, layout = Rows.empty(max(0, last - first), len(places)), self.layout
         columns = {place: column for column, place in enumerate(places)}
@@ -277,8 +265,6 @@ class Reader:
                 if low >= high:
                     continue
                 bodies = chunk.bodies(channel, layout.rows[channel])
-                if len(bodies) != end - begin:
-                    raise ValueError("an index with another number of messages")
                 for target, name in targets:
                     target[low - first : high - first] = bodies[name][low - begin : high - begin]
             return {channel: chunk.records(channel, layout.rows[channel]) for channel in partial}
@@ -308,22 +294,16 @@ class Reader:
 
         with_frames : whether the frames are read; else there are none
         """
-        number = 0
         open_rows: dict[int, Any] = {
             channel: np.zeros(0, dtype=[*MESSAGE_HEAD, ("body", kind)]) for channel, kind in self.layout.rows.items()
         }
-        source = None
-        while number < len(self.contents.chunks):
-            try:
-                source = source or self.decoded(number, with_frames)
-                parts, frames = next(source)
-            except (OSError, BadInput):
-                raise
-            except DAMAGE:
-                self.check_once()
-                source = None
-                continue
-            number += 1
+        decode = self.decoder() if self.layout.buses and with_frames else lambda number, chunk: NO_FRAMES
+
+        def decoded(number: int, chunk: Messages) -> tuple[dict[int, Any], Any]:
+            parts = {channel: chunk.records(channel, kind) for channel, kind in self.layout.rows.items()}
+            return parts, decode(number, chunk)
+
+        for parts, frames in self.ahead(decoded, range(len(self.contents.chunks)), FRAMES_GROWTH):
             open_rows = {channel: np.concatenate((open_rows[channel], part)) for channel, part in parts.items()}
             yield self.complete_rows(open_rows), frames
 
@@ -347,26 +327,12 @@ class Reader:
                     rows[places, 2 + signal] = bodies[str(signal)]
         return rows
 
-    def decoded(self, first: int, with_frames: bool) -> Iterator[tuple[dict[int, Any], Any]]:
-        """Return ({channel: message records}, frames) of each chunk from the first. Arguments as of stream"""
-        frames = self.decoder() if self.layout.buses and with_frames else lambda number, chunk: NO_FRAMES
-
-        def decode(number: int, chunk: Messages) -> tuple[dict[int, Any], Any]:
-            parts = {channel: chunk.records(channel, kind) for channel, kind in self.layout.rows.items()}
-            return parts, frames(number, chunk)
-
-        return self.ahead(decode, range(first, len(self.contents.chunks)), FRAMES_GROWTH)
-
     @cached_property
     def events(self) -> list[dict[str, Any]]:
         """Events, as dicts."""
-
-        def read() -> list[dict[str, Any]]:
-            numbers = [] if self.layout.events is None else self.with_messages([self.layout.events])
-            chunks = self.ahead(lambda _, chunk: self.layout.events_of(chunk), numbers)
-            return [event for events in chunks for event in events]
-
-        return self.retried(read)
+        numbers = [] if self.layout.events is None else self.with_messages([self.layout.events])
+        chunks = self.ahead(lambda _, chunk: self.layout.events_of(chunk), numbers)
+        return [event for events in chunks for event in events]
 
     @cached_property
     def began(self) -> int:
@@ -389,6 +355,21 @@ class Reader:
             else:
                 return begin + place
         return low
+
+
+def admitted(chunks: list[Chunk], size: int) -> tuple[int, str]:
+    """Return (how many of the chunks are read, why not the others as the end of a sentence).
+
+    size : of the file, in bytes
+    """
+    expansion = ExpansionLimit(size)
+    for number, chunk in enumerate(chunks):
+        try:
+            if chunk.compression:
+                expansion.admit(chunk.size)
+        except TooLarge as error:
+            return number, str(error)
+    return len(chunks), ""
 
 
 def placed(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:

@@ -15,7 +15,7 @@ DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowEr
 CHUNK_LIMIT = 64 << 20  # bytes that a chunk may expand to
 # kinds of records
 HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
-ATTACHMENT_INDEX, STATISTICS = 10, 11
+ATTACHMENT_INDEX, STATISTICS, METADATA = 10, 11, 12
 DATA_END = 15
 KINDS = {*range(HEADER, DATA_END + 1), ROOM, STREAM}
 RECORD_LIMIT = 64 << 20  # bytes: an attachment
@@ -58,11 +58,18 @@ def length_of(window: bytes, place: int) -> int:
 
 
 def read(kind: str, body: bytes) -> Any:
-    """Parse a record with the mcap package. kind : name of its class; body : bytes after its head"""
+    """Parse a record with the mcap package. kind : name of its class; body : bytes after its head
+
+    Raises ValueError if it has more bytes.
+    """
     from mcap import records
     from mcap.data_stream import ReadDataStream
 
-    return getattr(records, kind).read(ReadDataStream(io.BytesIO(body)))
+    stream = ReadDataStream(io.BytesIO(body))
+    record = getattr(records, kind).read(stream)
+    if kind != "Attachment" and stream.count != len(body):  # the package does not read its checksum
+        raise ValueError(f"a record of {len(body)} bytes, not {stream.count}")
+    return record
 
 
 def is_compressed(head: bytes, name: str) -> bool:

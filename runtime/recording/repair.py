@@ -238,8 +238,8 @@ class Repair:
                 )
             if self.damaged or not self.over and not self.is_torn():
                 raise RepairFailed(
-                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the part before "
-                    "into a new file"
+                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the undamaged "
+                    "parts into a new file"
                 )
             self.complete()
             return True

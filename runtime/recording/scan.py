@@ -1,18 +1,27 @@
-"""Scan of a recording's file, record by record, up to where it was cut off or is damaged.
+"""Scan of a recording's file, record by record: where its chunks are, whatever is damaged between them.
 
-Chunks are skipped, unless they are to be checked.
+Chunks are skipped: runtime.recording.check checks them. Behind damaged bytes, the scan continues with the next head of
+a record.
 """
 
 import os
-from collections import Counter
+import re
 from collections.abc import Callable
 from typing import Any
 
 from runtime.base.errors import BadInput
-from runtime.recording.check import Check
-from runtime.recording.chunks import CHUNK_LIMIT, Chunk, ExpansionLimit, Messages, TooLarge, head_of, load, walked
+from runtime.recording.chunks import (
+    CHUNK_LIMIT,
+    ROOMS,
+    Chunk,
+    ExpansionLimit,
+    Messages,
+    TooLarge,
+    head_of,
+    load,
+    walked,
+)
 from runtime.recording.chunks import STREAM as STREAM_OF_ZSTD
-from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents
 from runtime.recording.json_text import DEPTH_LIMIT, TooDeep
 from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, ROOM, STREAM, ZSTD
@@ -27,11 +36,12 @@ from runtime.recording.records import (
     DATA_END,
     FOOTER,
     HEADER,
+    KINDS,
     MAGIC,
+    METADATA,
     RECORD_LIMIT,
     SCHEMA,
     STATISTICS,
-    is_compressed,
     read,
 )
 from runtime.recording.zstd_stream import decode, is_torn
@@ -39,7 +49,21 @@ from runtime.recording.zstd_stream import decode, is_torn
 CUT = "is incomplete: it was truncated, or is still being recorded"
 COMPLETED = "was truncated, and was completed later up to the cut"
 WINDOW = 2 << 20  # bytes in which the end of messages without a chunk is searched
-HEAD_LIMIT = 128  # bytes of the head of a chunk
+DATA = {SCHEMA, CHANNEL, ATTACHMENT, METADATA, DATA_END}  # kinds of records beside chunks and messages
+SUMMARY = KINDS - {HEADER, FOOTER, ATTACHMENT, METADATA, DATA_END, ROOM, STREAM, A_MESSAGE, A_CHUNK, AN_INDEX}
+HEAD_LIMIT = 128  # bytes of the head of a chunk, and of what a record is recognised by
+MAGIC_MATCHES = len(MAGIC) - 1  # bytes of the first ones of a file that are right
+# begins of records: a chunk, a schema and a channel of a recorder, an attachment, the end of the data, a chunk without
+# a head
+HEADS = re.compile(
+    rb"(?=\x06.{4}\0{4}.{16}.{4}\0{4}.{4}(?:\0{4}|\x04\0{3}zstd|\x03\0{3}lz4)"
+    rb"|\x03.{4}\0{4}.{2}.\0{3}tickwork\."
+    rb"|\x04.{3}\0{5}.{4}.\0{3}/"
+    rb"|\x09.{4}\0{4}.{16}.\0{3}(?:about|diagram|end)\.json"
+    rb"|\x0f\x04\0{7}.{4}\x03.{4}\0{4}.{2}.\0{3}tickwork\."
+    rb"|" + b"|".join(map(re.escape, ROOMS.values())) + rb")",
+    re.DOTALL,
+)
 
 
 class Scan:
@@ -47,40 +71,83 @@ class Scan:
 
     stream : file, unbuffered
     size : of the file, in bytes
-    deep : whether every message is checked
     progress : called with the fraction that has been scanned
 
-    contents : Contents, up to the first damage
+    contents : Contents
 
     Raises BadInput if the file is not a recording that can be read.
     """
 
-    def __init__(self, stream: Any, size: int, deep: bool, progress: Callable[[float], None]) -> None:
+    def __init__(self, stream: Any, size: int, progress: Callable[[float], None]) -> None:
         from mcap.exceptions import McapError
 
-        self.path, self.descriptor, self.size, self.deep = stream.name, stream.fileno(), size, deep
+        self.path, self.descriptor, self.size = stream.name, stream.fileno(), size
         self.contents = Contents()
-        self.expansion, self.checker = ExpansionLimit(size), None
-        self.counts = Counter()  # {channel: number of messages}
+        self.expansion = ExpansionLimit(size)
         self.schemas = {}  # {number: record}
-        self.written = None  # messages that the recorder has counted
-        self.unchecked = None  # position of a chunk with a wrong checksum
         self.is_cut = False  # in a zstd frame
+        self.is_over = False  # whether the end of the data was reached
         self.refused = ""  # why the rest of the file is not read
-        at = len(MAGIC) if self.bytes_at(0, len(MAGIC)) == MAGIC else 0
-        try:
-            while at and not self.contents.finished:
-                progress(at / size)
-                self.good = at
+        begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
+        at = len(MAGIC) if sum(byte == right for byte, right in begin) >= MAGIC_MATCHES else 0
+        known = at  # end of what is certain: a wrong length leads from a record to a wrong place
+        while at and not self.contents.finished:
+            progress(at / size)
+            self.good = at
+            try:
                 following = self.record(at)
-                if following is None:
+            except TooLarge as error:
+                self.refused = str(error)
+                break
+            except (McapError, *DAMAGE):
+                following = None
+            chunks = self.contents.chunks
+            if chunks and chunks[-1].at == at:
+                known = chunks[-1].begin + chunks[-1].length
+            elif following is not None:
+                known = at + 1
+            if following is None:
+                following = self.head_after(known)
+                if following is None or self.is_over:
                     break
-                at = following
-        except (McapError, *DAMAGE) as error:
-            self.refused = str(error) if isinstance(error, TooLarge) else ""
+                if following > self.good:
+                    self.contents.gaps.append((self.good, following))
+                known = following + 1
+            self.good = at = following
         self.good = at if at == 0 else self.good
+        self.contents.number()
         self.contents.trouble = self.trouble()
-        self.contents.finished = not self.contents.trouble
+        self.contents.finished = not self.contents.trouble and not self.contents.gaps
+
+    def head_after(self, at: int) -> int | None:
+        """Return the position of the next valid head of a record from a position on; None without one."""
+        while at < self.size:
+            window = self.bytes_at(at, WINDOW)
+            for match in HEADS.finditer(window):
+                if self.is_head(at + match.start()):
+                    return at + match.start()
+            if len(window) < WINDOW:
+                return None
+            at += len(window) - HEAD_LIMIT
+        return None
+
+    def is_head(self, at: int) -> bool:
+        """Return whether a record begins at a position, and another one or the end of the file follows it."""
+        raw = self.bytes_at(at, HEAD_LIMIT)
+        kind, length = HEAD.unpack_from(raw)
+        if kind in (ROOM, STREAM):
+            return True
+        end = at + HEAD.size + length
+        if kind == A_CHUNK:
+            try:
+                _, _, size, _, stored = head_of(raw)
+            except DAMAGE:
+                return False
+            if max(size, stored) > CHUNK_LIMIT:
+                return False
+            if end > self.size:
+                return True
+        return end == self.size or end < self.size and self.bytes_at(end, 1)[0] in KINDS
 
     def bytes_at(self, at: int, length: int) -> bytes:
         """Return the bytes at a position of the file; fewer at its end."""
@@ -101,13 +168,22 @@ class Scan:
             return self.chunk(at, end)
         if kind == A_MESSAGE and end <= self.size:
             return self.unchunked(at, at)
-        if end > self.size or kind == 0:
+        if end > self.size or not self.is_expected(kind, at, end):
             return None
+        self.is_over |= kind == DATA_END
         if kind in (HEADER, ATTACHMENT, SCHEMA, CHANNEL, STATISTICS, FOOTER):
             self.take(kind, self.bytes_at(at + HEAD.size, length))
         if kind == ATTACHMENT:
             self.contents.attachments.append((at, end - at))  # one that can be read
         return end
+
+    def is_expected(self, kind: int, at: int, end: int) -> bool:
+        """Return whether a record of a kind can be at a position. end : of the record"""
+        if kind == FOOTER:
+            return end + len(MAGIC) == self.size
+        if kind == HEADER:
+            return at == len(MAGIC)
+        return kind in (SUMMARY if self.is_over else DATA)
 
     def take(self, kind: int, body: bytes) -> None:
         """Take a record that is not a message. body : bytes after its head"""
@@ -115,47 +191,40 @@ class Scan:
         if kind == HEADER:
             contents.library = read("Header", body).library
         elif kind == ATTACHMENT:
-            attachment = read("Attachment", body)
             try:
-                contents.attach(attachment.name, attachment.data)
+                name = contents.attach(body)
             except TooDeep:
+                name = read("Attachment", body).name
                 raise BadInput(
-                    f"{self.path} is damaged: its {attachment.name} is nested more than {DEPTH_LIMIT} levels deep"
+                    f"{self.path} is damaged: its {name} is nested more than {DEPTH_LIMIT} levels deep"
                 ) from None
-            if attachment.name == "about.json":
+            if name == "about.json" and contents.about is not None:
                 validate(self.path, contents.about)
         elif kind == SCHEMA:
             schema = read("Schema", body)
-            self.schemas[schema.id] = schema
+            self.schemas.setdefault(schema.id, schema)
         elif kind == CHANNEL:
-            contents.describe(read("Channel", body), self.schemas)
+            channel = read("Channel", body)
+            if not (self.is_over and channel.topic in contents.topics.values()):  # a copy, in a damaged summary
+                contents.describe(channel, self.schemas)
         elif kind == STATISTICS:
-            self.written = read("Statistics", body).message_count
+            contents.written = read("Statistics", body).message_count
         else:
             contents.finished = True
 
     def chunk(self, at: int, end: int) -> int | None:
         """Take a chunk. end : of its record. Returns as `record`"""
-        raw = self.bytes_at(at, HEAD_LIMIT)
-        compressed = not is_compressed(raw, "")
-        if not compressed and end > self.size:
-            return self.unchunked(at, at + CHUNK_HEAD.size)
+        head, compression, expanded, _, stored = head_of(self.bytes_at(at, HEAD_LIMIT))
         if end > self.size:
-            return self.stream(at) if is_compressed(raw, ZSTD) else None
-        head, compression, expanded, _, stored = head_of(raw)
+            if not compression:
+                return self.unchunked(at, at + CHUNK_HEAD.size)
+            return self.stream(at) if compression == ZSTD else None
         counts, after = self.indices(end)
         following = self.bytes_at(after, HEAD.size)
         if len(following) < HEAD.size or after + HEAD.size + HEAD.unpack(following)[1] > self.size:
             counts = {}  # an index may be missing
-        chunk = Chunk(at, at + head, stored, compression, expanded, after, counts)
-        try:
-            self.add(chunk)
-        except ValueError:
-            if compressed:
-                raise
-            self.unchecked = at if self.unchecked is None else self.unchecked
-            return self.unchunked(at, at + CHUNK_HEAD.size)
-        return None if chunk.limit is not None else after
+        self.add(Chunk(at, at + head, stored, compression, expanded, after, counts))
+        return after
 
     def stream(self, at: int) -> int | None:
         """Take the messages of a zstd chunk without a head or without its end, up to its last complete block.
@@ -164,22 +233,23 @@ class Scan:
         """
         begin = at + CHUNK_HEADS[ZSTD].size
         frame = self.bytes_at(begin, CHUNK_LIMIT)
-        content, ends, ended = decode(frame, min(CHUNK_LIMIT, self.expansion.left))
+        limit = min(CHUNK_LIMIT, self.expansion.left)
+        content, ends, ended = decode(frame, limit)
+        if is_padding(frame[ends[-1][0] :]):  # zeros after a power cut, which may begin inside the last block
+            content, ends, ended = decode(frame.rstrip(b"\0"), limit)
         self.expansion.left -= len(content)
         end = begin + ends[-1][0]
         counts, after = self.indices(end) if ended else ({}, end)
         self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
         if content:
-            self.add(
-                Chunk(at, begin, end - begin, STREAM_OF_ZSTD, len(content), after, counts, headless=True),
-                walked(content),
-            )
+            chunk = Chunk(at, begin, end - begin, STREAM_OF_ZSTD, len(content), after, counts, headless=True)
+            self.add(chunk, walked(content))
         if not ended:
             self.good = end
         return after if ended else None
 
     def unchunked(self, at: int, begin: int) -> int | None:
-        """Take messages that are not in a chunk, or in one with a wrong checksum. Returns as `record`.
+        """Take messages that are not in a chunk, or in one that the end of the file cuts. Returns as `record`.
 
         at : of their chunk, if any
         begin : of the first message
@@ -192,71 +262,65 @@ class Scan:
             if not torn or len(raw) < window or window > limit:
                 break
             window *= 4
+        if len(raw) < window and is_padding(raw[messages.end :]):  # it may begin inside the last message
+            messages = walked(raw.rstrip(b"\0"), only_messages=True)
         end = begin + messages.end
         if not messages.end:
             return begin if begin > at else None
         counts, after = self.indices(end)
-        chunk = Chunk(at, begin, messages.end, "", messages.end, after, counts, headless=True)
-        self.add(chunk, messages)
-        return None if chunk.limit is not None else after
+        self.add(Chunk(at, begin, messages.end, "", messages.end, after, counts, headless=True), messages)
+        return after
 
     def indices(self, at: int) -> tuple[dict[int, int], int]:
         """Return ({channel: number of messages}, position of their end) of the message indices at a position."""
         counts = {}
         while len(head := self.bytes_at(at, INDEX.size)) == INDEX.size:
             kind, length, channel, size = INDEX.unpack(head)
-            if kind != AN_INDEX or at + HEAD.size + length > self.size:
+            if kind != AN_INDEX or length != INDEX.size - HEAD.size + size or at + HEAD.size + length > self.size:
                 break
             counts[channel] = size // 16
             at += HEAD.size + length
         return counts, at
 
     def add(self, chunk: Chunk, messages: Messages | None = None) -> None:
-        """Add a chunk, read if necessary. messages : its messages, if they have been read"""
+        """Add a chunk, read if it may describe channels. messages : its messages, if they have been read"""
         contents = self.contents
-        if self.deep or messages is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
-            if messages is None:
-                if chunk.compression:
-                    self.expansion.admit(chunk.size)
-                messages = load(self.descriptor, chunk)
-            for kind, body in messages.others:
-                self.take(kind, body)
-            if self.deep or chunk.headless:  # without a head there is no checksum
-                chunk.limit = self.check(messages)
-                messages = messages if chunk.limit is None else messages.until(chunk.limit)
-            chunk.counts = {channel: len(offsets) for channel, offsets in messages.offsets.items()}
-        if chunk.limit is not None:
-            self.good = chunk.at if chunk.compression else chunk.begin + chunk.limit
+        if messages is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
+            try:
+                if messages is None:
+                    if chunk.compression:
+                        self.expansion.admit(chunk.size)
+                    messages = load(self.descriptor, chunk)
+                for kind, body in messages.others:
+                    self.take(kind, body)
+            except TooLarge:
+                raise
+            except DAMAGE:
+                pass  # the check of chunks reports it
         contents.chunks.append(chunk)
-        self.counts.update(chunk.counts)
-
-    def check(self, messages: Messages) -> int | None:
-        """Return the position of the first damaged message of a chunk; None without one."""
-        contents = self.contents
-        if contents.about is None:
-            raise ValueError("messages before the metadata")
-        if self.checker is None or not self.deep or self.checker.layout.topics != contents.topics:
-            self.checker = Check(Layout(self.path, contents.about, dict(contents.topics)), self.counts)
-        return self.checker.first_damaged(messages)
 
     def trouble(self) -> str:
-        """Return the problem with the file, in one line; "" without one."""
+        """Return the problem with the file, in one line; "" without one. Gaps are not part of it."""
         contents, path = self.contents, self.path
         if not contents.finished:
-            return f"{path} {self.refused or self.damage()}"
-        if self.unchecked is not None:
-            return f"{path} is damaged after byte {self.unchecked}: wrong checksum"
-        count = sum(self.counts.values())
-        if self.written not in (None, count):
-            return f"{path} is damaged: {count} of its {self.written} messages are readable"
-        return "" if contents.end is not None else f"{path} {COMPLETED}"
+            if self.refused:
+                return f"{path} {self.refused}"
+            if self.is_cut or self.is_torn():
+                return f"{path} {CUT}"
+            if self.is_over:
+                return f"{path} is damaged: its summary is not readable from byte {self.good} on; no tick is missing"
+            if self.good < self.size:
+                contents.gaps.append((self.good, self.size))
+            return ""
+        return "" if contents.end is not None or contents.broken else f"{path} {COMPLETED}"
 
-    def damage(self) -> str:
-        """Return the problem with a file that is undamaged up to a byte, as the end of a sentence."""
-        if self.is_cut:
-            return CUT
+    def is_torn(self) -> bool:
+        """Return whether the file ends in the record from which on it is not readable."""
         head = self.bytes_at(self.good, HEAD.size)
         kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (HEADER, 0)
-        if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size:
-            return CUT
-        return f"is damaged from byte {self.good} of {self.size} on and is read up to there"
+        return HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size
+
+
+def is_padding(data: bytes) -> bool:
+    """Return whether the rest of a file is zeros, as a power cut leaves them."""
+    return bool(data) and not data.strip(b"\0")

@@ -211,6 +211,8 @@ def check(trial: Trial) -> None:
         raise BadInput(
             f"{trial.path} is part {trial.about['part']} of a recording, which begins in part 1: replay part 1"
         )
+    if trial.gaps:
+        raise BadInput(f"{trial.trouble}, so it cannot be replayed: the inputs of these ticks are missing")
     dropped = (trial.end or {}).get("statistics", {}).get("dropped", 0)
     if dropped:
         raise BadInput(f"{trial.path}: {dropped} records were dropped during the run, so it cannot be replayed")

@@ -1,4 +1,4 @@
-"""A recording is opened without being read: chunks are read when their signals are asked for, and once."""
+"""A recording is opened without being read. Every chunk is checked before the first value, and read once after that."""
 
 import os
 
@@ -61,20 +61,23 @@ def changed(path, folder, at, data):
     return copy
 
 
-def test_opening_reads_no_chunk_and_a_signal_reads_each_chunk_once(path, loads):
+def test_opening_reads_no_chunk_and_a_signal_checks_and_reads_each_chunk_once(path, loads):
     trial = runtime.load(path)
-    assert len(trial) == TICKS and len(trial.signals) == SIGNALS and loads == []
+    assert len(trial.signals) == SIGNALS and trial.about["rate"] == 200 and trial.end["end"]["status"] == "ok"
+    assert loads == [], "the metadata need no chunk"
+    chunks = [index.chunk_start_offset for index in chunk_indexes(path)]
+    assert len(trial) == TICKS and sorted(loads) == chunks and len(loads) > 3
     assert trial["leg1/block.x40"].tolist() == [tick + 0.4 for tick in range(TICKS)]
-    assert sorted(loads) == [index.chunk_start_offset for index in chunk_indexes(path)] and len(loads) > 3
-    assert trial.time[-1] == (TICKS - 1) / 200 and trial["leg1/block.x40"][7] == 7.4
-    assert len(loads) == len(set(loads)), "what was read is kept"
+    assert sorted(loads) == sorted([*chunks, *chunks])
+    assert trial.time[-1] == (TICKS - 1) / 200 and trial["leg1/block.x40"][7] == 7.4 and trial.complete
+    assert len(loads) == 2 * len(chunks), "what was read is kept"
 
 
 def test_several_signals_are_read_in_one_pass(path, loads):
     trial = runtime.load(path)
     values = trial.read(["leg0/block.x3", "leg1/block.x59"])
     assert values["leg1/block.x59"][100] == 100.59 and values["leg0/block.x3"][100] == 100.03
-    assert trial["leg0/block.x3"][-1] == TICKS - 1 + 0.03 and len(loads) == len(chunk_indexes(path))
+    assert trial["leg0/block.x3"][-1] == TICKS - 1 + 0.03 and len(loads) == 2 * len(chunk_indexes(path))
 
 
 def test_arrays_of_read_are_parts_of_one_allocation_and_read_only(path):
@@ -90,7 +93,10 @@ def test_arrays_of_read_are_parts_of_one_allocation_and_read_only(path):
 
 
 def test_interval_is_read_without_the_rest(path, loads):
-    part = runtime.load(path).between(10.0, 11.0)
+    trial = runtime.load(path)
+    trial.check()
+    loads.clear()
+    part = trial.between(10.0, 11.0)
     assert len(part) == 200 and part.tick[0] == 2000 and part.time[-1] == 10.995
     assert part["leg0/block.x1"].tolist() == [tick + 0.01 for tick in range(2000, 2200)]
     assert part.rows.shape == (200, SIGNALS) and set(loads) < {
@@ -121,19 +127,31 @@ def test_damaged_index_does_not_change_what_is_read(path, tmp_path):
             assert np.array_equal(trial["leg0/block.x1"], whole["leg0/block.x1"]) and trial.complete
 
 
-def test_damaged_chunk_ends_the_recording_before_it_and_is_reported(path, tmp_path):
+def test_damaged_chunk_is_a_gap_and_what_was_lost_is_reported(path, tmp_path):
     index, whole = chunk_indexes(path)[2], runtime.load(path)
     copy = changed(path, tmp_path, index.chunk_start_offset + 5000, b"damage")
     trial = runtime.load(copy)
-    assert len(trial) == TICKS, "not read yet"
-    values = trial["leg0/block.x1"]
-    assert 0 < len(values) == len(trial) == len(trial.tick) < TICKS and not trial.complete
-    assert np.array_equal(values, whole["leg0/block.x1"][: len(values)])
-    place = f"byte {index.chunk_start_offset} of {copy.stat().st_size}"
-    assert trial.trouble == f"{copy} is damaged from {place} on and is read up to there"
-    checked = runtime.load(copy)
-    assert not checked.complete and len(checked) == len(trial), "asking is enough"
-    assert sum(len(rows) for rows, _ in runtime.load(copy).batches()) == len(trial)
+    count, ticks = len(trial), trial.tick
+    lost = np.flatnonzero(~np.isin(whole.tick, ticks))
+    assert 0 < len(lost) < 1500 and count == len(ticks) == TICKS - len(lost)
+    assert np.array_equal(trial["leg0/block.x1"], np.delete(whole["leg0/block.x1"], lost)) and not trial.complete
+    end = index.chunk_start_offset + index.chunk_length + index.message_index_length - 1
+    assert trial.trouble == (
+        f"{copy} is damaged: of its {copy.stat().st_size} bytes, {index.chunk_start_offset} to {end} are lost, "
+        f"with the ticks {lost[0]} to {lost[-1]} ({lost[0] / 200:g} s to {lost[-1] / 200:g} s)"
+    )
+    asked_first = runtime.load(copy)
+    assert asked_first.trouble == trial.trouble and len(asked_first) == count
+    assert sum(len(rows) for rows, _ in runtime.load(copy).batches()) == count
+
+
+def test_file_that_changes_after_its_check_is_reported(path, tmp_path):
+    copy = changed(path, tmp_path, 0, b"\x89")
+    trial = runtime.load(copy)
+    assert len(trial) == TICKS
+    changed(path, tmp_path, chunk_indexes(path)[2].chunk_start_offset + 5000, b"damage")
+    with pytest.raises(BadInput, match="changed.mcap has changed while it was read"):
+        trial["leg0/block.x1"]
 
 
 def test_unfinished_file_opens_up_to_its_last_flush(path, tmp_path, loads):
@@ -141,7 +159,7 @@ def test_unfinished_file_opens_up_to_its_last_flush(path, tmp_path, loads):
     copy = tmp_path / "cut.mcap"
     copy.write_bytes(data[: last.chunk_start_offset + last.chunk_length // 2])
     trial, whole = runtime.load(copy), runtime.load(path)
-    assert loads == [], "the chunks before the last one are not read"
+    assert loads == [], "the chunks before the last one are not read to open it"
     assert 0 < len(trial) < TICKS and "is incomplete: it was truncated" in trial.trouble
     assert np.array_equal(trial.rows, whole.rows[: len(trial)])
 
@@ -164,11 +182,12 @@ def test_frames_of_all_buses_keep_their_order_around_an_event(tmp_path):
 def test_table_and_plot_read_the_recording_in_one_pass(path, tmp_path, loads):
     pytest.importorskip("pandas")
     count = len(chunk_indexes(path))
-    assert runtime.load(path).table().shape == (TICKS, 1 + SIGNALS) and len(loads) == count
+    assert runtime.load(path).table().shape == (TICKS, 1 + SIGNALS) and len(loads) == 2 * count
+    loads.clear()
     plots = pytest.importorskip("runtime.analysis.plots")
     with open(tmp_path / "plot.png", "wb") as file:
         plots.over_time(runtime.load(path), [["leg0/block.x1", "leg1/block.x31"], ["leg1/block.x59"]], "", file, "png")
-    assert len(loads) <= count + count + 1  # and the events
+    assert len(loads) <= count + count + 1  # the check, the signals, and the events
 
 
 def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
