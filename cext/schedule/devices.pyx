@@ -187,7 +187,8 @@ cdef class Devices:
                     status[0] = FOREIGN_COMMAND
                 device.was_enabled |= answer == TAKEN and self.table.arming and not device.enabling and (
                     device.reports_enabled)
-                note_reply(device, frame, counts(device, answer), <int64_t>arena[TICK])
+                note_reply(device, frame, counts(device, answer), <int64_t>arena[TICK],
+                    not self.table.arming and not self.table.stopping)
             elif answer == MALFORMED:
                 device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                 device.rejected_id = frame.data[0] if frame.length > 0 else -1
@@ -406,8 +407,12 @@ cdef inline int64_t sampled_since(const Device *device) noexcept nogil:
     return device.transit.reference if device.transit.answers and device.transit.reference >= 0 else device.reply_time
 
 
-cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick) noexcept nogil:
-    """Note a reply or sample. counts : whether it is one that arming waits for"""
+cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick, bint timed) noexcept nogil:
+    """Note a reply or sample.
+
+    counts : whether it is one that arming waits for
+    timed : whether it answers the command of a tick
+    """
     cdef int index
     device.owed = device.doubtful = False
     if device.answered:
@@ -417,6 +422,6 @@ cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int
     device.replies += counts
     note_arrival(&device.transit, frame.time)
     if device.transit.pending == 0:
-        for index in range(device.transit.uncertain if device.latency != NULL else 0):
+        for index in range(device.transit.uncertain if timed and device.latency != NULL else 0):
             add(device.latency, device.transit.replies[index], tick)
         device.transit.uncertain = 0
