@@ -1,4 +1,4 @@
-"""Time from the death of the guardian that carries a run's frames to the stop of the motors.
+"""Time from the death or the halt of the guardian that carries a run's frames to the stop of the motors.
 
 Measured on udp_multicast and on slcan over a pseudo-terminal.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import pty
 import select
+import signal
 import subprocess
 import tempfile
 import threading
@@ -30,21 +31,22 @@ RIGS = {
 }
 
 
-def deaths(interface: str, count: int) -> list[float]:
-    """Return s from kill -9 of the guardian to the last first stop frame, of `count` runs; inf where one did not come.
+def deaths(interface: str, count: int, number: int = signal.SIGKILL) -> list[float]:
+    """Return s from a signal to the guardian to the last first stop frame, of `count` runs; inf where one did not come.
 
     interface : "udp_multicast" or "slcan"
+    number : of the signal: SIGKILL, or SIGSTOP, after which the run must end it
     """
     node = multicast if interface == "udp_multicast" else adapter
     with node() as (channel, commands), tempfile.TemporaryDirectory() as folder:
         robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
         robot.write_text(bus.ROBOT)
         rig.write_text(RIGS[interface].format(channel))
-        return [one_death(commands, robot, rig) for _ in range(count)]
+        return [one_death(commands, robot, rig, number) for _ in range(count)]
 
 
-def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
-    """Kill the guardian of a run. Returns s to the first stop frame of the later of its two drives; inf without one.
+def one_death(commands: Callable[..., Any], robot: Path, rig: Path, number: int = signal.SIGKILL) -> float:
+    """Send a signal to the guardian of a run. Returns s to the first stop frame of the later drive; inf without one.
 
     commands : function of a duration in s that returns (s of the wall clock, id, data) of the frames sent to the
         drives since the last call
@@ -55,9 +57,10 @@ def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
             if time.monotonic() > deadline or process.poll() is not None:
                 raise OSError("the run under test did not start")
         time.sleep(0.05)
-        commands(0.0)
+        if any(data == bus.DISABLE for _, _, data in commands(0.0)):
+            raise OSError("the run under test has ended by itself")
         killed = time.time()
-        os.kill(guardian_of(process.pid), 9)
+        os.kill(guardian_of(process.pid), number)
         first = {}
         while len(first) < 2 and time.time() < killed + STOP_TIMEOUT:
             for at, identifier, data in commands(0.01):

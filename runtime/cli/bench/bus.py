@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Sequence
 
 import numpy as np
@@ -51,11 +52,13 @@ def main(arguments: Sequence[str]) -> int:
         results["added_p99_us"] = results["guardian_us"]["p99"] - results["direct_us"]["p99"]
         stops = np.array(bus.kills(options.kills)) * 1e3
         deaths = {name: np.array(guardian_death.deaths(name, options.kills)) * 1e3 for name in guardian_death.RIGS}
+        halts = np.array(guardian_death.deaths("udp_multicast", options.kills, signal.SIGSTOP)) * 1e3
     except OSError as error:
         raise BadInput(str(error)) from None
     results["stop_ms"], results["missed"] = spread(stops[np.isfinite(stops)]), int((~np.isfinite(stops)).sum())
     results["guardian_deaths_ms"] = {name: spread(times[np.isfinite(times)]) for name, times in deaths.items()}
-    results["guardian_deaths_missed"] = int(sum((~np.isfinite(times)).sum() for times in deaths.values()))
+    results["guardian_halts_ms"] = spread(halts[np.isfinite(halts)])
+    results["guardian_deaths_missed"] = int(sum((~np.isfinite(times)).sum() for times in [*deaths.values(), halts]))
     report.say(
         [
             "",
@@ -67,6 +70,7 @@ def main(arguments: Sequence[str]) -> int:
             row("the same through the guardian, µs", results["guardian_us"]),
             row(f"{len(stops)} kills of the run to the last stop frame, ms", results["stop_ms"]),
             *(row(f"kills of the guardian, {name}, ms", each) for name, each in results["guardian_deaths_ms"].items()),
+            row("kill -STOP of the guardian, udp_multicast, ms", results["guardian_halts_ms"]),
         ],
         bus=results,
     )
