@@ -36,9 +36,10 @@ class Then(Block):
 def guarded(action=lambda: None, tick=20, *, page=None, **options):
     """One drive under a guardian that has just looked. action : called in a tick"""
     page = page or SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
     law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
-    return one_drive(law, options={"page": page, "guard": GUARD, **options})
+    rig = one_drive(law, options={"page": page, "guard": GUARD, **options})
+    page.look_after(time.monotonic_ns())
+    return rig
 
 
 def test_a_robot_under_a_guardian_runs():
