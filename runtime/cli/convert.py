@@ -13,7 +13,6 @@ from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
-from runtime.console.styles import count
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.export import FORMATS, OPENSIM, convert, opensim
 from runtime.recording.files import make_folder
@@ -133,14 +132,9 @@ def converted(
             )
         except OSError as error:
             raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
-        if kind in OPENSIM and opensim.missed(trial):
+        if kind in OPENSIM and (lines := opensim.remarks(trial, path)):
             progress.terminal.erase()
-            print_to_stderr(
-                [
-                    f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in: "
-                    "OpenSim requires equally spaced times"
-                ]
-            )
+            print_to_stderr([f"tickwork: {line}" for line in lines])
         yield path
 
 

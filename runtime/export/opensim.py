@@ -1,5 +1,6 @@
 """OpenSim export: .sto with every signal, .mot with the joint angles, in rad.
 
+OpenSim's older reader ends, without an error, at the first cell that is not a number: nan and infinities are filled in.
 Both are text: a header with the units, then tab-separated columns: `time`, and one for each number, named by its path
 or by --names. Rows are evenly spaced, as OpenSim's filters and tools require. OpenSim's older reader also splits names
 at spaces, and takes a header line with `=` as a setting: names contain neither here. (OpenSim's documentation, Storage
@@ -16,10 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
+from runtime.analysis.resample import interpolate, kind_of
 from runtime.analysis.trial import Trial
+from runtime.analysis.trial_data import split
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.base.unique_name import unique
+from runtime.console.styles import count
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,6 +31,7 @@ else:
     import tomli as tomllib
 
 EXTENSIONS = {"sto": "sto", "mot": "mot"}
+GROUP = 10_000  # rows that are checked at once
 EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 
@@ -118,7 +123,8 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """
     if missed(trial) or any(trial.every(name) > 1 for name in trial.signals):
         trial = trial.resample(trial.about["rate"])
-    paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
+    filled = finite(trial, path)
+    paths = [name for name in written(trial, path) if name in filled]
     places, rate, done = [2 + trial.places[name] for name in paths], trial.about["rate"], 0
     whole = np.array([trial.signals[name]["dtype"] != "float" for name in paths])
     units = "\t".join(trial.signals[name]["unit"] for name in paths)
@@ -129,12 +135,68 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
         )
         file.write("\t".join(["time", *labels(trial.signals[path].get("coordinate", path) for path in paths)]) + "\n")
         for rows, _ in trial.batches(frames=False):
-            for time, values in zip((rows[:, 0] / rate).tolist(), rows[:, places].tolist()):
+            table = rows[:, places]
+            for column, name in enumerate(paths):
+                if (values := filled[name]) is not None:
+                    table[:, column] = values[done : done + len(rows)]
+            for time, values in zip((rows[:, 0] / rate).tolist(), table.tolist()):
                 file.write(
                     "\t".join([repr(time), *(text(value, is_whole) for value, is_whole in zip(values, whole))]) + "\n"
                 )
             done += len(rows)
             progress(done / max(1, len(trial)))
+
+
+def written(trial: Trial, path: str) -> list[str]:
+    """Return the signals of a file. path : of the file"""
+    return coordinates(trial) if path.endswith(".mot") else list(trial.signals)
+
+
+def finite(trial: Trial, path: str) -> dict[str, np.ndarray | None]:
+    """Return {signal: its values with every nan and infinity filled in; None if all are numbers} of a file.
+
+    A signal without any number is left out. path : of the file
+    """
+    counts = not_numbers(trial, path)
+    filled: dict[str, np.ndarray | None] = {}
+    for name in written(trial, path):
+        if not counts[name]:
+            filled[name] = None
+        elif counts[name] < len(trial):
+            values = trial.values([trial.places[name]])
+            known, kind = np.isfinite(values[:, 0]), kind_of(trial, split(name)[0])
+            times = trial.time[known]
+            between = np.clip(trial.time, times[0], times[-1])
+            filled[name] = interpolate("straight" if kind == "turning" else kind, times, values[known], between)[:, 0]
+    return filled
+
+
+def not_numbers(trial: Trial, path: str) -> dict[str, int]:
+    """Return {signal: number of its samples that are nan or infinite} of a file. path : of the file"""
+    names = written(trial, path)
+    counts = np.zeros(len(names), dtype=int)
+    places = [trial.places[name] for name in names]
+    for group in trial.row_groups(GROUP, places):
+        counts += np.count_nonzero(~np.isfinite(group.values), axis=0)
+    return dict(zip(names, counts.tolist()))
+
+
+def remarks(trial: Trial, path: str) -> list[str]:
+    """Return what differs in a file from the recording, as lines of text. path : of the file"""
+    name, lines = Path(path).name, []
+    if missed(trial):
+        lines.append(f"{name}: {count(missed(trial), 'missed tick')} filled in: OpenSim requires equally spaced times")
+    for signal, wrong in not_numbers(trial, path).items():
+        every = trial.every(signal)
+        wrong -= len(trial) - len(trial.time_of(signal)) if every > 1 else 0
+        if wrong and wrong == len(trial.time_of(signal)):
+            lines.append(f"{name}: {signal} is left out: it has no number")
+        elif wrong:
+            lines.append(
+                f"{name}: {signal}: {count(wrong, 'sample')} with nan or inf filled in from the samples beside them: "
+                "OpenSim reads no row after one"
+            )
+    return lines
 
 
 def labels(names: Iterable[str]) -> list[str]:
