@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.base.replaced_file import replaced
 
 if TYPE_CHECKING:
     from runtime.analysis.conditions import Condition
@@ -43,7 +44,7 @@ class Pictures:
         for title, draw in self.draws.items():
             stem = target.stem if len(self.draws) == 1 else f"{target.stem}_{file_name(title)}"
             paths.append(target.with_name(stem + target.suffix))
-            with open(paths[-1], "wb") as file:
+            with replaced(paths[-1]) as file:
                 draw(file, target.suffix[1:])
         return paths
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runtime.base.suggestions import suggestion
+from runtime.console.terminal import one_line
 from runtime.recording.batches import NO_FRAMES, Batch, Rows, payloads
 from runtime.recording.parts import Recording
 from runtime.recording.reader import Reader, Recorded
@@ -334,7 +335,7 @@ class TrialData:
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
         fault = f", fault: {self.fault['status']}" if self.fault else ""
-        return (
+        return one_line(
             f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, "
             f"{len(self.names)} signal{'' if len(self.names) == 1 else 's'}{', ' if what else ''}{what}{fault}>"
         )

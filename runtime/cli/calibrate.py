@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import number
+from runtime.base.replaced_file import replaced, write
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.session.request import Request
@@ -171,10 +172,8 @@ def written(folder: Path, sensor: Device, result: Result) -> list[str]:
         calibration = result.calibration.with_parts(old, kept)
         about = {"name": sensor.path, "kind": type(sensor).__name__, "made": time.strftime("%Y-%m-%d %H:%M:%S")}
         text = calibration.text(about, [*result.parts, *kept])
-        new = path.with_suffix(".new")
-        new.write_text(text, encoding="utf-8")
-        os.replace(new, path)
-        with open(picture, "wb") as file:
+        write(path, text)
+        with replaced(picture) as file:
             draw(sensor.path, result, file)
     except OSError as error:
         raise BadInput(f"{error.filename or folder}: {error.strerror}") from None

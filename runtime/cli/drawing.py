@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
+from runtime.base.replaced_file import replaced
 from runtime.recording.files import create, private
 
 if TYPE_CHECKING:
@@ -30,17 +32,17 @@ def write(draw: Callable[..., Any] | partial, output: Path | None, stem: str, su
 
     Raises BadInput if the file cannot be written.
     """
+    path = None
     try:
-        path, descriptor = (str(output), str(output)) if output is not None else create(stem, suffix)
-        file = open(descriptor, "wb", opener=private)
-    except OSError as error:
-        raise BadInput(f"cannot write {output or Path(stem).parent}: {error.strerror}") from None
-    try:
-        with file:
-            draw(file, Path(path).suffix[1:])
+        if output is None:
+            path, descriptor = create(stem, suffix)
+            os.close(descriptor)
+        with replaced(output or path or "", private) as file:
+            draw(file, Path(output or path or "").suffix[1:])
     except BaseException as error:
-        Path(path).unlink()
+        if path is not None:
+            Path(path).unlink()
         if isinstance(error, OSError):
-            raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+            raise BadInput(f"cannot write {output or path or Path(stem).parent}: {error.strerror or error}") from None
         raise
-    return path
+    return str(output or path)

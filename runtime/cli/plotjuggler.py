@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from runtime.base import replaced_file
 from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import host_and_port
@@ -81,11 +83,9 @@ def write(name: str, signals: Sequence[dict[str, Any]], parameters: dict[str, An
     try:
         if output is None:
             path, descriptor = create(name, ".xml")
+            os.close(descriptor)
             output = Path(path)
-            with open(descriptor, "w", encoding="utf-8") as file:
-                file.write(text)
-        else:
-            output.write_text(text, encoding="utf-8")
+        replaced_file.write(output, text)
     except OSError as error:
         raise BadInput(f"cannot write {output or name + '.xml'}: {error.strerror}") from None
     print_lines(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graph.budget import frame_bits
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import count, number
+from runtime.base.replaced_file import replaced
 from runtime.bench.rate.robot import ACTUATORS_LIMIT
 from runtime.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
 from runtime.cli.parsing import Parser, add_options
@@ -245,7 +246,7 @@ def _picture(options: Namespace, results: Sequence[Result]) -> None:
     from runtime.bench.rate.picture import draw
 
     try:
-        with open(options.picture, "wb") as file:
+        with replaced(options.picture) as file:
             draw(
                 [(row.actuators, row.rate, row.limit, row.worst) for row in results],
                 f"{options.model}: highest rate without a missing reply",

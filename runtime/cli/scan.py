@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runtime.base import replaced_file
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.parsing import Parser, add_bus
@@ -119,10 +121,9 @@ def on_can(options: Namespace, others: Sequence[Any]) -> list[RigBus]:
 def write(path: Path, text: str) -> None:
     """Write a new rig file. Raises BadInput if the file exists or cannot be written."""
     try:
-        with open(path, "x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise BadInput(f"--write-rig {path}: the file exists and is not overwritten") from None
+        if os.path.lexists(path):
+            raise BadInput(f"--write-rig {path}: the file exists and is not overwritten")
+        replaced_file.write(path, text)
     except OSError as error:
         raise BadInput(f"--write-rig {path}: {error.strerror}") from None
 

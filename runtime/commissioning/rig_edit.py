@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from runtime.base import replaced_file
 from runtime.base.errors import BadInput
 from runtime.commissioning.bus import plain, quoted
 from runtime.rig.file import parse, text_of
@@ -91,22 +89,8 @@ def write(path: str | Path, before: str, text: str) -> None:
     path = Path(path)
     if text_of(path) != before:
         raise BadInput(f"{path} has changed since it was read; nothing was written. Run the command again")
-    real = Path(os.path.realpath(path))
-    name = None
     try:
-        status, newline = os.stat(real), "\r\n" if b"\r\n" in real.read_bytes() else "\n"
-        descriptor, name = tempfile.mkstemp(dir=real.parent, prefix=f".{real.name}.")
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline=newline) as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        if (status.st_uid, status.st_gid) != (os.geteuid(), os.getegid()):
-            with suppress(PermissionError):  # only root may give a file away
-                os.chown(name, status.st_uid, status.st_gid)
-        os.chmod(name, status.st_mode & 0o7777)
-        os.replace(name, real)
+        newline = "\r\n" if b"\r\n" in path.read_bytes() else "\n"
+        replaced_file.write(path, text.replace("\n", newline))
     except OSError as error:
-        if name is not None:
-            with suppress(OSError):
-                os.unlink(name)
         raise BadInput(f"{path} cannot be written: {error.strerror}") from None

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from runtime.console.cell import Cell, in_cell
 from runtime.console.status_layout import bar
 from runtime.console.stderr import Terminal
+from runtime.console.terminal import one_line
 
 SHOW_DELAY = 1.0  # s
 REFRESH = 0.1  # s
@@ -26,7 +27,7 @@ class Progress:
     def __init__(
         self, what: str, terminal: Terminal | Cell | None = None, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.what, self.clock = what, clock
+        self.what, self.clock = one_line(what), clock
         self.terminal = terminal or (Cell() if in_cell() else Terminal())
         self.began = self.clock()
         self.next = self.began + SHOW_DELAY

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from graph.drawing import draw, mermaid, page, svg
 from runtime.base.errors import BadInput
+from runtime.base.replaced_file import write
 from runtime.console.styles import count, place
 from runtime.console.terminal import program
 from runtime.diagrams.file import blamed, load
@@ -80,7 +81,7 @@ def choose(form: str | None, output: str | None, name: str) -> tuple[str, Path |
 
 def _save(target: Path, data: bytes) -> None:
     try:
-        target.write_bytes(data)
+        write(target, data)
     except OSError as error:
         raise BadInput(f"cannot write {target}: {error.strerror}") from None
 

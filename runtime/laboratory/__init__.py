@@ -9,6 +9,7 @@ from pathlib import Path
 
 from graph.sha256 import sha256
 from runtime.base.errors import BadInput
+from runtime.base.replaced_file import write
 
 TEMPLATES = Path(__file__).parent / "templates"
 NAME = "my_lab"  # in the templates
@@ -58,7 +59,7 @@ def create(folder: Path, drive: bool = False) -> list[Path]:
     for path, template in zip(paths, files.values()):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text(template, name, drive).replace("GROUP", group), encoding="utf-8")
+            write(path, text(template, name, drive).replace("GROUP", group))
         except OSError as error:
             raise BadInput(f"cannot write {path}: {error.strerror}") from None
     return paths

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
 from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, drawable, plain, short
+from runtime.base.replaced_file import replaced
 from runtime.optimisation.parameters import Parameter
 from runtime.recording.files import private
 
@@ -42,7 +43,7 @@ def write(path: str) -> list[str]:
         errors=state["errors"],
         validated=state["validated"],
     )
-    with open(target, "wb", opener=private) as file:
+    with replaced(target, private) as file:
         picture.save(made, file)
     return [f"picture: {target}"]
 

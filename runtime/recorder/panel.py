@@ -22,6 +22,7 @@ from typing import Any
 
 from cext.safety.thresholds import CONSENT_LIMIT
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
+from runtime.base.replaced_file import write
 from runtime.console.keys import Key
 from runtime.console.status_layout import part
 from runtime.live import patterns, table
@@ -196,8 +197,8 @@ class Panel:
             lines.append(f"{parameter.path}={parameter.written(self.target(parameter))}")
         try:
             path, descriptor = create(os.path.join(plan["folder"] or "", plan["stem"]), SAVED_SUFFIX)
-            with open(descriptor, "w", encoding="utf-8") as file:
-                file.write("\n".join(lines) + "\n")
+            os.close(descriptor)
+            write(path, "\n".join(lines) + "\n")
         except OSError as error:
             self.recording.say(
                 f"tickwork: cannot save the values: {error.strerror}: {error.filename or plan['folder']}"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from datetime import datetime, timezone
 from signal import Signals
 from typing import Any
 
 from cext.user_text import name_and_text
 from runtime.base.errors import BadInput
+from runtime.base.replaced_file import replaced
 from runtime.recording.changes import stopped_by
 from runtime.recording.files import private
 from runtime.recording.provenance import optional
@@ -102,14 +102,5 @@ def write_json(path: str, content: Any, durable: bool = True) -> None:
     """
     import msgspec.json
 
-    part = path + PARTIAL
-    try:
-        with open(part, "xb", opener=private) as file:
-            file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
-            file.flush()
-            if durable:
-                os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        if os.path.exists(part):
-            os.unlink(part)
+    with replaced(path, private, durable, path + PARTIAL) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from runtime.analysis.average_stride import INPUTS, AverageStride
+from runtime.base.replaced_file import replaced
 from runtime.recorder.service import Service
 from runtime.recording.files import create
 
@@ -63,7 +64,8 @@ class StrideAverage(Service):
 
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
         try:
-            with open(descriptor, "wb") as file:
+            os.close(descriptor)
+            with replaced(path) as file:
                 draw(plan["name"], walked, file)
         except BaseException:
             os.unlink(path)

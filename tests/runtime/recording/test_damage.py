@@ -18,6 +18,7 @@ from cext.safety.ring_batch import read as read_ring
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.analysis.picture import broken
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
+from runtime.console.progress import Progress
 from runtime.recorder.recording import Recording
 from runtime.recording import mcap_file, read_ahead
 from runtime.recording.mcap_file import reserved
@@ -273,3 +274,12 @@ def test_a_gap_is_visible_in_every_use_of_the_recording(tmp_path, monkeypatch, c
     assert not np.isnan(again["left/knee.position"][~at[: len(again)]]).any()
     times, values = broken(trial.tick, trial.time, trial["left/knee.position"])
     assert len(values) == len(trial) + 1 and np.isnan(values[first]) and not np.isnan(np.delete(values, first)).any()
+
+
+def test_control_characters_in_names_are_shown_escaped(tmp_path, monkeypatch):
+    path = tmp_path / "a\x1b[31mb.mcap"
+    path.write_bytes(written(tmp_path, monkeypatch, "zstd"))
+    trial = runtime.load(path)
+    trial.about["metadata"]["trial"] = {"subject": "S\x1b]0;title\x07"}
+    assert "\x1b" not in repr(trial) and "a\\x1b[31mb.mcap" in repr(trial) and "S\\x1b]0;title\\x07" in repr(trial)
+    assert "\x1b" not in Progress(f"reading {path.name}").what
