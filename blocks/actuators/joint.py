@@ -217,7 +217,7 @@ class Joint:
     torque = Output("N·m", "torque of the drive, from its current")
     temperature = Output("°C", "temperature of the drive")
     fault = Output("1", "error code of the drive, 0 for none", dtype=int)
-    age = Output("s", "time since the command that the newest reply answers: no sample is older")
+    age = Output("s", "time since the command that the newest reply answers")
     rms_torque = Output("N·m", "root mean square of the torque over `rms_window`", kernel=False)
     active = Output("1", "whether its commands are sent; false while it is taken out", dtype=bool, kernel=False)
     torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
@@ -228,7 +228,9 @@ class Joint:
         "limits of the commands, in the same order, and of the whole law; permitted fraction of stiffness and damping",
     )
     transit = Memory(
-        (0.0,) * 2, "longest time from a command to its reply, and time by which a sample may be older than `age`, s"
+        (0.0,) * 3,
+        "longest time from a command to its reply; times by which a sample may be older than `age`, where its transit "
+        "cannot be measured and where replies may have become late, s",
     )
     sent = Memory(
         (0.0,) * 5,

@@ -5,7 +5,9 @@ Principle
        its sample is not older than that command: the age of a sample begins there, and contains the way of the command
        and the way of the reply. Commands count from the begin of their tick.
     2. A lost frame leaves a command without a reply, and all later samples seem older by one command each; never
-       younger. While no more commands are open than are certain to be on their way, every match is exact.
+       younger. While no more commands are open than are certain to be on their way, every match is exact. With more,
+       the sample is likely that of a later command, and no older than the one that it is matched with: the output `age`
+       begins at the first, and the law of a drive is bounded from the second on.
     3. With more, either a frame was lost or replies have become later, which single replies do not show. Commands that
        are sent twice do: the tick in which two replies arrive gives the transit in ticks, and older commands were lost.
        PROOFS of them in a row must agree, with one reply in each tick between, and no longer transit must be known. If
@@ -34,7 +36,8 @@ cdef struct Transit:
     int64_t sent[OPEN]                  # ns, when they were sent; of a run in real time later than `asked`
     int64_t first                       # index of the oldest
     int open                            # their number
-    int64_t reference                   # ns, of the command that the newest sample answers; -1: none
+    int64_t reference                   # ns, of the oldest command that the newest sample may answer; -1: none
+    int64_t likely                      # ns, of the command that it answers if those before were lost
     int64_t newest                      # ns, transit of the newest reply, too long after lost frames
     int64_t silent_since                # ns, of the first command after the newest reply; -1: none
     bint measured                       # there is a certain transit
@@ -62,7 +65,7 @@ cdef inline void forget_transit(Transit *t) noexcept nogil:
     t.first = t.open = t.settled = t.came = t.proofs = t.failures = t.uncertain = t.pause = 0
     t.retries = t.rests = False
     t.doubt = 0
-    t.reference = t.silent_since = t.place = -1
+    t.reference = t.likely = t.silent_since = t.place = -1
     t.newest = t.pending = t.largest[0] = t.largest[1] = t.turned = t.longest = 0
     t.emptied[0] = t.emptied[1] = 0
     t.measured = False
@@ -122,6 +125,9 @@ cdef inline void note_arrival(Transit *t, int64_t time) noexcept nogil:
     t.replies[t.uncertain] = max(time - t.sent[t.first], 0)
     t.uncertain += t.uncertain < OPEN - 1
     drop_oldest(t)
+    t.likely = t.reference
+    if t.open > t.settled:
+        t.likely = t.asked[(t.first + t.open - t.settled - 1) & (OPEN - 1)]
     if t.open == 0:
         t.emptied[0] = max(t.emptied[0], t.pending)
     if t.open <= t.settled or t.open == 0:

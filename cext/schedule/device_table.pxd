@@ -20,7 +20,7 @@ cdef struct Device:
     const int32_t *encode_sizes
     int bus
     int age                      # slot, -1 if it has none
-    int transit_slot             # of two numbers, s: the longest transit, and what `age` does not contain; -1: none
+    int transit_slot             # of three numbers, s: as the memory `transit` of a joint; -1: none
     double unseen                # s, the second of them
     int stiffness, damping_command      # slots, -1: none
     int64_t gap                  # ns, longest between two replies since the previous tick

@@ -131,6 +131,7 @@ cdef class Devices:
                 turn_memory(&device.transit, now)
                 arena[device.transit_slot] = 1e-9 * longest_transit(&device.transit) + device.unseen
                 arena[device.transit_slot + 1] = device.unseen
+                arena[device.transit_slot + 2] = 1e-9 * (device.transit.likely - device.transit.reference)
             if device.drive.active >= 0:
                 arena[device.drive.active] = device.drive.state == ACTIVE
             if device.zeroing.position >= 0:
@@ -403,8 +404,8 @@ cdef inline bint is_stiff(const Device *device, const double *arena) noexcept no
 
 
 cdef inline int64_t sampled_since(const Device *device) noexcept nogil:
-    """Return the time in ns from which on the newest sample may be."""
-    return device.transit.reference if device.transit.answers and device.transit.reference >= 0 else device.reply_time
+    """Return the time in ns from which on the newest sample is, unless replies have become late."""
+    return device.transit.likely if device.transit.answers and device.transit.likely >= 0 else device.reply_time
 
 
 cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick, bint timed) noexcept nogil:

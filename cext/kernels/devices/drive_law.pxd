@@ -78,10 +78,10 @@ cdef inline void know_times(
     """Set the times.
 
     age, period, max_transit : s
-    transit : s, the longest transit that was measured, and the time by which feedback may be older than `age`
+    transit : s, the longest transit that was measured, and the times by which feedback may be older than `age`
     """
-    known.fresh = age <= oldest_age(period, max_transit)
-    known.age, known.period, known.late = age + transit[1], period, fmax(period, transit[0])
+    known.fresh = age + transit[2] <= oldest_age(period, max_transit)
+    known.age, known.period, known.late = age + transit[1] + transit[2], period, fmax(period, transit[0])
 
 
 cdef inline double quotient(double room, double need) noexcept nogil:

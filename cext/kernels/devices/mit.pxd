@@ -21,7 +21,7 @@ cdef struct Mit:                # of blocks.actuators.joint.Joint; each family's
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping and torque of the last frame
 
-cdef inline str mit_sizes(): return "transit[2] wire[5] limits[7] sent[5]"
+cdef inline str mit_sizes(): return "transit[3] wire[5] limits[7] sent[5]"
 
 cdef struct Codes:              # of a command
     uint32_t position

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
 RESOLUTION = 2e-6  # s per actuator between polls of the emulated drives: one replies while others receive commands
 ARMING = 0.1  # s of virtual time; a bus on which arming takes longer is too full
-SETTLING = 1.5  # s after arming before replies are counted: enable frames may still fill the bus
+SETTLING = 2.5  # s after arming before replies are counted: enable frames may still fill the bus
 
 
 class Simulated:

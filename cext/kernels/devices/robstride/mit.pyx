@@ -187,7 +187,7 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     talk[PREPARED] = (
         not asks and (talk[READY] != 0.0 or arena[at.settings] == 0.0)
         and arena[TIME] + period + 1e-9 >= talk[NEXT]
-        and arena[at.mit.age] <= oldest_age(period, arena[at.mit.max_transit]))
+        and arena[at.mit.age] + (arena + at.mit.transit)[2] <= oldest_age(period, arena[at.mit.max_transit]))
     if talk[PREPARED] != 0.0:
         arena[PERIOD], arena[at.mit.transit] = 1.5 * period, transit + 0.5 * period
     count = encode_command(arena, &at.mit, &frames[0])

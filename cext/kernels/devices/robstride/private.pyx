@@ -187,7 +187,7 @@ cdef struct Operation:
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping, torque of the last frame
 
-OPERATION = items((<Operation *>ITEMS)[0], "transit[2] wire[5] limits[7] sent[5]")
+OPERATION = items((<Operation *>ITEMS)[0], "transit[3] wire[5] limits[7] sent[5]")
 
 
 cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil:
