@@ -6,6 +6,7 @@ import keyword
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import rmtree
 
 from graph.sha256 import sha256
 from runtime.base.errors import BadInput
@@ -55,14 +56,19 @@ def create(folder: Path, drive: bool = False) -> list[Path]:
         raise BadInput(f"a package or module {name!r} is installed already: choose another name")
     group = "239.74.{}.{}".format(*sha256(os.fsencode(folder.absolute())).digest())
     files = FILES | DRIVE_FILES if drive else FILES
-    paths = [folder / path.replace(NAME, name) for path in files]
-    for path, template in zip(paths, files.values()):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write(path, text(template, name, drive).replace("GROUP", group))
-        except OSError as error:
-            raise BadInput(f"cannot write {path}: {error.strerror}") from None
-    return paths
+    paths = [path.replace(NAME, name) for path in files]
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        for path, template in zip(paths, files.values()):
+            (part / path).parent.mkdir(parents=True, exist_ok=True)
+            write(part / path, text(template, name, drive).replace("GROUP", group))
+        os.rename(part, folder)
+    except BaseException as error:
+        rmtree(part, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise BadInput(f"cannot write {folder}: {error.strerror}") from None
+        raise
+    return [folder / path for path in paths]
 
 
 def text(template: str, name: str, drive: bool) -> str:

@@ -10,7 +10,9 @@ import sys
 
 import pytest
 
+from runtime.base.errors import BadInput
 from runtime.base.replaced_file import replaced, write
+from runtime.laboratory import create
 from tests.runtime.runs import ROOT, environment
 
 
@@ -61,3 +63,17 @@ def test_permissions_and_links_stay(tmp_path):
 def test_a_device_is_written_directly():
     write("/dev/null", "new")
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_a_new_package_is_there_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
+    def full(path, data):
+        if path.suffix == ".toml":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("runtime.laboratory.write", full)
+        with pytest.raises(BadInput, match="cannot write .*my_lab: No space left on device"):
+            create(tmp_path / "my_lab")
+    assert os.listdir(tmp_path) == []
+    assert all(path.exists() for path in create(tmp_path / "my_lab")) and os.listdir(tmp_path) == ["my_lab"]
