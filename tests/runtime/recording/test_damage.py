@@ -140,8 +140,11 @@ class File:
         self.open = None
 
     def lost(self, begin, end):
-        """Ticks with a message in a chunk that has one of the bytes from `begin` to `end`."""
-        return set().union(*(ticks for low, high, ticks in self.chunks if low < end and begin < high))
+        """Ticks with a message in a chunk that has one of the bytes from `begin` to `end`, or on both sides of them."""
+        inside = [ticks for low, high, ticks in self.chunks if low < end and begin < high]
+        pairs = zip(self.chunks, self.chunks[1:])
+        around = [ticks & others for (_, low, ticks), (high, _, others) in pairs if low < end and begin < high]
+        return set().union(*inside, *around)
 
 
 @pytest.fixture(autouse=True)
