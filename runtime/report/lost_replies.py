@@ -53,7 +53,7 @@ def before_fault(result: RunResult) -> str:
     if outcome.status not in CONSEQUENCES or result.failed_in_plant or not isinstance(block, Device):
         return ""
     patience = min(block.timeout, getattr(block, "restart_time", 0.0) or block.timeout)
-    errors = result.statistics["frames"].get("errors", 0)
+    errors = result.statistics.get("frames", {}).get("errors", 0)
     reported = f"; the CAN controllers reported {count(errors, 'error frame')}" if errors else ""
     silence = math.ceil(patience * result.schedule.rate) if outcome.status == "silent" else 0
     commands = outcome.tick - silence

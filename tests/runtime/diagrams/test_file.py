@@ -219,7 +219,7 @@ def test_an_exception_in_tickwork_is_reported_with_the_users_line(tmp_path, refu
 def test_a_misspelt_port_has_the_users_line_and_a_suggestion(tmp_path, refused):
     path = write(tmp_path, WAVE.format(before="", amplitude=1.0) + "    diagram['sine'].amplitud\n")
     line = line_of(path, "].amplitud")
-    told = "AttributeError: 'Sine' object has no attribute 'amplitud'; did you mean 'amplitude'?"
+    told = "AttributeError: 'Sine' object has no attribute 'amplitud'; did you mean 'amplitude'? Its outputs are y"
     assert refused("robot.py") == f"robot.py:{line}: {told}\n    diagram['sine'].amplitud"
 
 

@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+import runpy
 import socket
 import struct
 import threading
@@ -53,13 +54,14 @@ def test_the_sensors_page_has_six_sections():
 
 
 def insole_frame():
-    return names_of(SECTIONS["Pressure insoles"])["frame"]
+    """The function of the program that the page shows."""
+    return runpy.run_path(str(ROOT / "docs" / "sketches" / "xsensor_bridge.py"))["frame"]
 
 
-def test_the_frame_of_the_page_is_read_by_the_block():
+def test_the_frame_of_the_bridge_is_read_by_the_block():
     pressures = [[10_000.0] * 9 for _ in range(31)]
     pressures[0][0], pressures[0][1] = float("nan"), -1.0
-    wired, sent = Wired(Insole, side="right"), insole_frame()(7, pressures, side=1)
+    wired, sent = Wired(Insole, side="right"), insole_frame()(7, pressures, "right", 0.5)
     assert TAKEN in [wired.hear(0, sent[at : at + 64]) for at in range(0, len(sent), 64)]
     assert wired["force"] == pytest.approx(10_000.0 * 0.27 * 0.09 * 277 / 279) and wired["dead"] == 2.0
 
@@ -89,7 +91,7 @@ def lab(tmp_path):
             number = 0
             while speaks.is_set():
                 os.write(master, packet(number & 255, struct.pack("<i", 1000 + number)[:3]))
-                bridge.sendto(frame(number, [[1e4] * 9] * 31), ("127.0.0.1", port))
+                bridge.sendto(frame(number, [[1e4] * 9] * 31, "left", 0.01 * number), ("127.0.0.1", port))
                 number += 1
                 time.sleep(0.01)
 
