@@ -118,7 +118,7 @@ def run(
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
     stop_for : on a rig, time in s for which the frames of a safe stop go on, at a falling rate, for drives that do not
-        confirm it; None: until Ctrl-C
+        confirm it; None: 10 s
     options : further options of the command in real time, by their names: yes=True, record="trials",
         trial={"subject": "S03"}, overrun="fault:5"
 

@@ -15,7 +15,7 @@ from typing import Any
 
 SIDECAR = ".json"
 INCOMPLETE, DELETED = "incomplete", "deleted while it was written"  # remarks on a file
-STOPPED_EARLY = "unknown"  # end of a run whose recorder died first
+STOPPED_EARLY = "the recorder stopped before the end"  # end of a run whose recorder died first
 # bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
 AT_ONCE = 16 << 10
 

@@ -25,6 +25,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cext.safety.thresholds import STOP_UNATTENDED
 from cext.schedule.mailbox_writer import Writer
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
@@ -84,6 +85,8 @@ def process_of(file: Any, settings: Any, plant: Any = None, **options: Any) -> R
         )
     if options.get("record") is None:
         options["record"] = "recordings"
+    if options.get("rig") is not None and options.get("stop_for") is None:
+        options["stop_for"] = float(STOP_UNATTENDED)  # s: nobody may watch what a program prints
     pairs = settings.items() if hasattr(settings, "items") else settings
     arguments = [os.fspath(file), *words(pairs, options)]
     return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes"))

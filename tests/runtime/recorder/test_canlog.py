@@ -68,7 +68,7 @@ def test_the_last_frames_of_a_run_on_disk_are_zero_torque_then_disable(tmp_path)
     sent = [message.data.hex() for message in log(tmp_path / "leg.can.log") if not message.is_rx]
     assert sent[0] == "fffffffffffffffc"  # enable
     assert sent[-2:] == ["7fff7ff0000007ff", "fffffffffffffffd"]  # zero torque, disable (protocols.md 1.1)
-    assert sent.count("fffffffffffffffd") == 1
+    assert sent.count("fffffffffffffffd") == 2  # the replies to the first may be those to earlier commands
 
 
 def test_a_full_ring_costs_no_frame_in_virtual_time(tmp_path):

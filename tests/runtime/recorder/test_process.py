@@ -217,7 +217,7 @@ def test_a_folder_that_is_deleted_ends_its_files_with_a_line_each_and_leaves_no_
         f"{name} stopped at 0.02 s: its file was deleted: recordings/bench_1.{end}"
         for name, end in (("csv", "csv"), ("flight log", "mcap"))
     ]
-    assert problems == [*deleted, "recordings/bench_1.json: No such file or directory: recordings"]
+    assert problems == [*deleted, "recordings/bench_1.json: No such file or directory"]
     told = capfd.readouterr().err.splitlines()
     assert told == [f"tickwork recorder: {line}; the run continues" for line in deleted]
     assert list(tmp_path.iterdir()) == []

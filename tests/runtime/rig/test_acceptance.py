@@ -189,7 +189,7 @@ def test_accepted_setting_is_in_table_summary_and_recording(tmp_path):
     assert run.returncode == 0, run.stderr
     reason = f"wire_torque = 60 N·m ({bus.rig}), but 65 N·m in the table of AK10-9-V2.0"
     shown = " ".join((run.stdout + run.stderr).split())
-    assert f"1 problem: left/knee: {reason}" in shown and "limit 18 N·m !; own time-out" in shown
+    assert f"1 problem: left/knee: {reason}" in shown and "limit 18 N·m !; not read back: mode, " in shown
     assert f"limits left/knee: {reason}" in shown and "from lab.toml: invert true (diagram false)" in shown
     sidecar = Files(tmp_path / "out").sidecar
     [caveat] = sidecar["metadata"]["caveats"]
