@@ -86,11 +86,13 @@ def test_an_overrun_fault_names_the_block_and_stop_frames_follow_within_two_tick
     statistics = rig.statistics()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("overrun", "slow", rig.tick[-1]) and outcome.faulted
     assert 3 <= statistics["missed"] and statistics["ticks"] == len(rig.tick) == len(rig.commands())
-    assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == ()
-    last, stop = [frame for frame in rig.frames if frame.sent and frame.id == 1][-3:-1]
+    # replies were late by the stall, and the stop allows for as much: it may end before it is confirmed, which is told
+    assert ends_in_the_safe_stop(rig) and outcome.unconfirmed in ((), ("knee",))
     # where the others were found missed
     due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9
-    assert last.time < stop.time and due <= stop.time <= due + 2 * PERIOD * 1e9
+    sent = [frame.time for frame in rig.frames if frame.sent and frame.id == 1]
+    assert due <= min(time for time in sent if time >= due) <= due + 2 * PERIOD * 1e9
+    assert not [time for time in sent if due - PERIOD * 1e9 < time < due], "no command after the stall"
 
 
 def test_fewer_missed_ticks_than_the_fault_limit_are_skipped():
