@@ -86,7 +86,7 @@ def process_of(file: Any, settings: Any, plant: Any = None, **options: Any) -> R
     if options.get("record") is None:
         options["record"] = "recordings"
     if options.get("rig") is not None and options.get("stop_for") is None:
-        options["stop_for"] = float(STOP_UNATTENDED)  # s: nobody may watch what a program prints
+        options["stop_for"] = float(STOP_UNATTENDED)  # s: a program may run without an operator
     pairs = settings.items() if hasattr(settings, "items") else settings
     arguments = [os.fspath(file), *words(pairs, options)]
     return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes"))
