@@ -25,6 +25,7 @@ from graph.hints import for_degrees
 from graph.interval import EVERYTHING, Interval
 from graph.ranges import find_ranges, interval_of, interval_of_numbers
 from graph.signal import Signal
+from graph.upstream import followers_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,10 +83,7 @@ class ReachCheck:
         }
         if not self.reaches:
             return
-        self.followers = {}
-        for (block, name), source in self.sources.items():
-            if isinstance(source, Signal):
-                self.followers.setdefault(source, []).append((block, name))
+        self.followers = followers_of(self.sources)
         self.in_drive = self.while_measuring(compilation.order, lambda reach: reach.drive)
         self.in_joint = self.while_measuring(compilation.order, lambda reach: reach.joint or reach.drive)
         self.fed = self.find_fed()

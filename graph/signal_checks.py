@@ -12,6 +12,7 @@ from graph.block import Sink, range_of
 from graph.device import Device
 from graph.interval import EVERYTHING, Interval
 from graph.signal import Signal
+from graph.upstream import followers_of
 
 if TYPE_CHECKING:
     from graph.block import Block
@@ -22,23 +23,24 @@ LARGE = 1e9  # of an input, beyond what any limiter passes
 
 def check_circles(compilation: Compilation) -> None:
     """Warn of a periodic value, such as a heading, at an input that must change smoothly."""
-    followers = followers_of(compilation)
-    for block in compilation.blocks:
-        for name, port in block.outputs.items():
-            if not port.circle:
-                continue
-            low, high = port.circle
-            for reader, input in jumps(Signal(block, name), followers):
-                compilation.report(
-                    "TW033",
-                    f"{block.path}.{name} jumps between {low:.4g} and {high:.4g} {compilation.units[block, name]}, "
-                    "which are one and the same, and each jump is taken for motion",
-                    reader,
-                    input,
-                    compilation.where(reader, input),
-                    "filter its sine and cosine and take their Atan2, or use the angular velocity of the sensor",
-                    "warning",
-                )
+    starts = [
+        Signal(block, name) for block in compilation.blocks for name, port in block.outputs.items() if port.circle
+    ]
+    followers = followers_of(compilation.sources) if starts else {}
+    for start in starts:
+        block, name = start.block, start.port
+        low, high = block.outputs[name].circle
+        for reader, input in jumps(start, followers):
+            compilation.report(
+                "TW033",
+                f"{block.path}.{name} jumps between {low:.4g} and {high:.4g} {compilation.units[block, name]}, "
+                "which are one and the same, and each jump is taken for motion",
+                reader,
+                input,
+                compilation.where(reader, input),
+                "filter its sine and cosine and take their Atan2, or use the angular velocity of the sensor",
+                "warning",
+            )
 
 
 def jumps(start: Signal, followers: dict[Signal, list[tuple[Block, str]]]) -> Iterator[tuple[Block, str]]:
@@ -58,25 +60,25 @@ def jumps(start: Signal, followers: dict[Signal, list[tuple[Block, str]]]) -> It
 
 def check_windup(compilation: Compilation) -> None:
     """Warn of a controller with an integral whose command is clipped behind it."""
-    followers = followers_of(compilation)
-    for block in compilation.blocks:
-        for name in block.winds_up:
-            start = Signal(block, name)
-            reach = compilation.ranges.get(start, EVERYTHING)
-            for limiter, clipped in limiters(start, reach, followers, compilation):
-                compilation.report(
-                    "TW034",
-                    f"its {name} can reach {reach}, and {limiter.path} passes {clipped}: beyond, the integral "
-                    "continues, and later holds the command at that limit",
-                    block,
-                    name,
-                    hint=f"give it the limits itself, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
-                    severity="warning",
-                )
+    starts = [Signal(block, name) for block in compilation.blocks for name in block.winds_up]
+    followers = followers_of(compilation.sources) if starts else {}
+    for start in starts:
+        block, name = start.block, start.port
+        reach = compilation.ranges.get(start, EVERYTHING)
+        for limiter, clipped in limiters(start, reach, followers):
+            compilation.report(
+                "TW034",
+                f"its {name} can reach {reach}, and {limiter.path} passes {clipped}: beyond, the integral "
+                "continues, and later holds the command at that limit",
+                block,
+                name,
+                hint=f"give it the limits itself, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
+                severity="warning",
+            )
 
 
 def limiters(
-    start: Signal, reach: Interval, followers: dict[Signal, list[tuple[Block, str]]], compilation: Compilation
+    start: Signal, reach: Interval, followers: dict[Signal, list[tuple[Block, str]]]
 ) -> Iterator[tuple[Block, Interval]]:
     """Yield (limiter, Interval in units of the signal) of each limiter that clips a signal, also behind gains."""
     waiting, seen = deque([(start, reach, 1.0)]), {start}
@@ -109,12 +111,3 @@ def made(block: Block, output: str, name: str, interval: Interval) -> Interval |
     except Exception:
         return None
     return range_of(block, output, stated if stated is not None else {})
-
-
-def followers_of(compilation: Compilation) -> dict[Signal, list[tuple[Block, str]]]:
-    """Return {Signal: [(block, input)]}."""
-    followers: dict[Signal, list[tuple[Block, str]]] = {}
-    for (block, name), source in compilation.sources.items():
-        if isinstance(source, Signal):
-            followers.setdefault(source, []).append((block, name))
-    return followers

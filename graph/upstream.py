@@ -1,4 +1,4 @@
-"""Blocks that compute, and the blocks behind others."""
+"""Blocks that compute, and the blocks before and behind others."""
 
 from __future__ import annotations
 
@@ -28,3 +28,12 @@ def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndar
                 reached.add(source.block)
                 waiting.append(source.block)
     return reached
+
+
+def followers_of(sources: dict[tuple[Block, str], np.ndarray | Signal]) -> dict[Signal, list[tuple[Block, str]]]:
+    """Return {Signal: [(block, input)]} of the inputs that each signal is connected to."""
+    followers: dict[Signal, list[tuple[Block, str]]] = {}
+    for (block, name), source in sources.items():
+        if isinstance(source, Signal):
+            followers.setdefault(source, []).append((block, name))
+    return followers
