@@ -103,9 +103,13 @@ cdef inline int judge_values(Motion *m, const double *arena, double temperature)
     return OK
 
 
+cdef inline bint is_stiff(const double *arena, int stiffness, int damping) noexcept nogil:
+    """Return whether stiffness or damping is commanded. stiffness, damping : slots, -1 for none"""
+    return stiffness >= 0 and (arena[stiffness] > 0.0 or arena[damping] > 0.0)
+
+
 cdef inline bint stiff(const Motion *m, const double *arena) noexcept nogil:
-    """Return whether stiffness or damping is commanded."""
-    return m.gains >= 0 and (arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0)
+    return is_stiff(arena, m.stiffness, m.damping)
 
 
 cdef inline int judge_jump(

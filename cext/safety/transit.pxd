@@ -75,6 +75,11 @@ cdef inline int64_t longest_transit(const Transit *t) noexcept nogil:
     return max(t.largest[0], t.largest[1])
 
 
+cdef inline int64_t longest_possible(const Transit *t) noexcept nogil:
+    """Return the longest transit that the replies so far allow, certain or not."""
+    return max(t.newest, t.pending, longest_transit(t))
+
+
 cdef inline void be_certain(Transit *t) noexcept nogil:
     """Note that all matches so far were exact."""
     t.largest[0], t.longest = max(t.largest[0], t.pending), max(t.longest, t.pending)

@@ -106,7 +106,7 @@ cdef class DeviceArming:
         return not all_are(self.table, is_heard)
 
     cdef bint all_answered(self) noexcept nogil:
-        return all_are(self.table, has_answered)
+        return self.table.all_answered()
 
     cdef bint only_zeros_are_due(self) noexcept nogil:
         """Return whether arming waits for nothing but the zeros of drives."""
@@ -168,10 +168,6 @@ cdef bint is_enabling(DeviceTable table, const Device *device) noexcept nogil:
 
 cdef bint is_heard(DeviceTable table, const Device *device) noexcept nogil:
     return device.drive.state != ACTIVE or device.zero.count == 0 or device.ask.count > 0
-
-
-cdef bint has_answered(DeviceTable table, const Device *device) noexcept nogil:
-    return table.has_answered(device)
 
 
 cdef bint has_replied(DeviceTable table, const Device *device) noexcept nogil:

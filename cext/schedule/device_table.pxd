@@ -93,3 +93,4 @@ cdef class DeviceTable:
     cdef bint has_replied(self, const Device *device) noexcept nogil
     cdef bint may_answer_late(self, const Device *device) noexcept nogil
     cdef bint has_answered(self, const Device *device) noexcept nogil
+    cdef bint all_answered(self) noexcept nogil

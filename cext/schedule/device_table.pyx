@@ -162,4 +162,13 @@ cdef class DeviceTable:
             return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
         return device.drive.state == OUT or (
             self.has_replied(device) and (device.enabling or not device.zeroing.due)
-            and not self.may_answer_late(device) and not (self.arming and may_be_two(&device.twins, device.enable.count > 0, self.now)))
+            and not self.may_answer_late(device)
+            and not (self.arming and may_be_two(&device.twins, device.enable.count > 0, self.now)))
+
+    cdef bint all_answered(self) noexcept nogil:
+        """Return whether arming or the safe stop waits for no device any longer."""
+        cdef int number
+        for number in range(self.count):
+            if not self.has_answered(&self.devices[number]):
+                return False
+        return True

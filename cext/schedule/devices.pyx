@@ -22,6 +22,7 @@ from cext.clock.histogram cimport add
 from cext.clock.stopwatch cimport COMMAND, lap
 from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.drive_watch cimport Watched
+from cext.safety.motion_watch cimport is_stiff
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
@@ -324,7 +325,7 @@ cdef class Devices:
             if watch_transit(&device.transit, <int64_t>arena[TICK], <int64_t>(1e9 * arena[PERIOD]), count == 1
                     and device.transit_slot >= 0 and not self.table.waiting
                     and device.drive.state == ACTIVE and not all_ones(self.outgoing[total].data, 6),
-                    is_stiff(device, arena)):
+                    is_stiff(arena, device.stiffness, device.damping_command)):
                 self.outgoing[total + 1] = self.outgoing[total]
                 count = 2
             count = add_zero(self.table, self.events, number, &self.outgoing[total], count)
@@ -396,11 +397,6 @@ cdef class Devices:
                 device.owed = True
             if device.drive.state == ACTIVE:
                 note_asked(&device.transit, device.sends, at, sent, <int64_t>self.table.arena[TICK])
-
-
-cdef inline bint is_stiff(const Device *device, const double *arena) noexcept nogil:
-    """Return whether stiffness or damping is commanded."""
-    return device.stiffness >= 0 and (arena[device.stiffness] > 0.0 or arena[device.damping_command] > 0.0)
 
 
 cdef inline int64_t sampled_since(const Device *device) noexcept nogil:

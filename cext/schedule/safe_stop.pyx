@@ -12,7 +12,7 @@ from cext.abi cimport ERROR_FRAME, OK
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport STOP_LIMIT, STOP_ROUND_MAXIMUM
-from cext.safety.transit cimport longest_transit, note_asked
+from cext.safety.transit cimport longest_possible, note_asked
 from cext.schedule.device_table cimport Device
 from cext.schedule.relays cimport holds_relay, pump
 
@@ -85,13 +85,9 @@ cdef class SafeStop:
 
     cdef bint is_confirmed(self, int64_t since, int64_t now, int64_t round) noexcept nogil:
         """Return whether every device has confirmed; judged where a round has ended. Arguments as of `send`"""
-        cdef int number
         if since >= self.due:
             self.judge(now, max(round, self.pace))
-        for number in range(self.table.count):
-            if not self.table.has_answered(&self.table.devices[number]):
-                return False
-        return True
+        return self.table.all_answered()
 
     cdef int send_disable(self, int64_t now) noexcept nogil:
         """Send a round of disable to every device, confirmed or not, while a run waits behind the fence."""
@@ -144,12 +140,12 @@ cdef int ask(Device *device, Buses buses, int64_t now, bint zero, bint stopping)
 
 cdef int64_t under_way(const Device *device) noexcept nogil:
     """Return the time in ns that a reply to an earlier command may still be under way, as was measured."""
-    return min(max(device.transit.newest, device.transit.pending, longest_transit(&device.transit)), STOP_LIMIT // 4)
+    return min(longest_possible(&device.transit), STOP_LIMIT // 4)
 
 
 cdef int64_t damping_transit(const Device *device) noexcept nogil:
     """Return the time in ns that damping allows for from a frame to its reply: the longest that may be true."""
-    cdef int64_t measured = max(device.transit.newest, device.transit.pending, longest_transit(&device.transit))
+    cdef int64_t measured = longest_possible(&device.transit)
     if device.transit.answers and device.transit.measured:
         return measured
     return max(measured, (<SpeedBands>device.bands).transit)
