@@ -69,7 +69,7 @@ class EmulatedMicroStrain(Device):
 
     about = Memory(0.0, "bytes of the device information")
     known = Memory(0.0, "descriptors of the supported commands and data")
-    settings = Memory((0.0,) * 5, "base rate, generation, error and start of the clock, seed")
+    settings = Memory((0.0,) * 6, "base rate, generation, error and start of the clock, seed, model")
     power_on = Memory(0.0, "formats, and 1 for each set that streams")
     registers = Memory(0.0, "commands of further settings, their replies, lengths and factory values")
     state = Memory((0.0,) * kernels.state_doubles, "settings, and bytes to be sent")
@@ -101,7 +101,8 @@ class EmulatedMicroStrain(Device):
         texts = (spec.name, spec.number, f"{spec.number[:4]}.{self.serial}", "", "5g, 300dps")
         data = (1106).to_bytes(2, "big") + b"".join(text[:INFO].rjust(INFO).encode("ascii") for text in texts)
         self.about, self.known = tuple(map(float, data)), tuple(map(float, spec.known))
-        self.settings = (spec.base_rate, float(spec.newer), self.clock_error, self.clock_start, float(self.seed))
+        clock = (self.clock_error, self.clock_start)
+        self.settings = (spec.base_rate, float(spec.newer), *clock, float(self.seed), float(spec.number[:4]))
         self.registers = tuple(number for setting in spec.settings for number in self.register(setting))
         self.power_on = (*self.saved(SENSOR, round(divided)), *self.saved(FILTER, round(divided)))
 

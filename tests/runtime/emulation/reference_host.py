@@ -5,7 +5,7 @@
 PROGRAM is one of its example scripts, or a command such as ep-stream-actuator. It and its package run as they are,
 except for DEFECTS, which end the program on any computer. In place of hardware:
 
-    can0, SocketCAN       the multicast group in the variable REFERENCE_CAN
+    can0, SocketCAN       the multicast group in the variable REFERENCE_CAN, with a port or the usual one
     /dev/ttyACM*          the terminals that TICKWORK_PORTS matches
     I2C bus 1             the socket in REFERENCE_I2C
     GPIO pin 7            the socket in REFERENCE_GPIO
@@ -14,6 +14,7 @@ except for DEFECTS, which end the program on any computer. In place of hardware:
 This file imports nothing of the project, since another Python runs it.
 """
 
+import atexit
 import collections
 import glob
 import importlib.metadata
@@ -22,6 +23,7 @@ import platform
 import socket
 import struct
 import sys
+import time
 import types
 from pathlib import Path
 
@@ -40,7 +42,8 @@ class Group(UdpMulticastBus):
 
     def __init__(self):
         self.sent = collections.deque(maxlen=MEMORY)
-        super().__init__(channel=os.environ["REFERENCE_CAN"])
+        group, _, port = os.environ["REFERENCE_CAN"].partition(":")
+        super().__init__(channel=group, port=int(port or self.DEFAULT_PORT))
 
     def send(self, msg, timeout=None):
         self.sent.append((msg.arbitration_id, bytes(msg.data)))
@@ -87,7 +90,13 @@ class Wire:
 
 
 class Pins(types.ModuleType):
-    """Jetson.GPIO with one input."""
+    """Jetson.GPIO with one input, whose reads are counted.
+
+    A read takes READ_TIME, longer than a pass of the program's loop: it writes the rows of a full buffer or loses them,
+    as its threads fall, and this way the buffer is never full.
+    """
+
+    READ_TIME = 0.006  # s
 
     BOARD, IN, LEVEL = "board", "in", struct.Struct("=QI")  # time and kind of struct gpio_v2_line_event
     RISING = 1
@@ -100,8 +109,12 @@ class Pins(types.ModuleType):
         self.end.connect(os.environ["REFERENCE_GPIO"])
         self.level = self.LEVEL.unpack_from(self.end.recv(64))[1] == self.RISING
         self.end.setblocking(False)
+        self.reads = 0
+        atexit.register(lambda: print(f"pin {channel} was read {self.reads} times"))
 
     def input(self, channel):
+        time.sleep(self.READ_TIME)
+        self.reads += 1
         try:
             while event := self.end.recv(64):
                 self.level = self.LEVEL.unpack_from(event)[1] == self.RISING

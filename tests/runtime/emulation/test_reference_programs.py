@@ -4,12 +4,16 @@ They run in an environment of their own, since the package requires a vendor's l
 reference` makes one and runs these tests; otherwise they are skipped, unless REFERENCE_PYTHON names the Python of one.
 """
 
+import contextlib
 import csv
+import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -71,6 +75,19 @@ chip = "unix:{folder}/chip"
 pin = "7"
 """
 
+VENDOR = """
+import sys
+import mscl
+
+node = mscl.InertialNode(mscl.Connection.Serial(sys.argv[1], 115200))
+node.timeout(5000)  # ms
+node.setToIdle()
+print(node.getBasicDeviceStatus().systemState(), node.getDiagnosticDeviceStatus().comPortInfo().bytesRead > 20)
+for data_class in (mscl.MipTypes.CLASS_AHRS_IMU, mscl.MipTypes.CLASS_ESTFILTER):
+    node.pollData(data_class, mscl.MipChannelFields())
+    print(sorted({point.field() >> 8 for packet in node.getDataPackets(2000) for point in packet.data()}))
+"""
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
@@ -93,7 +110,7 @@ def bench(tmp_path_factory):
 
 
 def begun(bench, folder, program, *arguments):
-    if program.endswith(".py"):
+    if program.endswith(".py") and not os.path.isabs(program):
         where = "import epicallypowerful, pathlib; print(pathlib.Path(epicallypowerful.__file__).parents[1])"
         site = subprocess.run([PYTHON, "-c", where], cwd=folder, capture_output=True, text=True, check=True).stdout
         program = f"{site.splitlines()[-1]}/examples/{program}"
@@ -218,9 +235,92 @@ def test_sensor_programs_show_what_the_sensors_measure(bench, tmp_path, program,
 
 
 def test_collected_imu_data_contains_the_synchronisation_line(bench, tmp_path):
+    """A row for each pass of its loop, and each pass reads the line once."""
     process = begun(bench, tmp_path, "ep-collect-imu-data", "-id", 154136, "-d", 2, "-o", "out.csv", "-r", 7)
     out, _ = process.communicate(timeout=60)
-    assert process.returncode in (0, 1) and "Data saved to out.csv" in out, out
+    assert process.returncode == 0 and "Data saved to out.csv" in out, out
     table = list(csv.DictReader((tmp_path / "out.csv").open()))
-    assert len(table) > 50 and float(table[-1]["154136_acc_y"]) == pytest.approx(-2.0, abs=1e-4)
-    assert {float(row["sync_7"]) for row in table} == {1.0}
+    assert len(table) == int(re.search(r"pin 7 was read (\d+) times", out)[1])
+    times = [float(row["time"]) for row in table]
+    assert times[0] == 0.0 and times == sorted(times) and {float(row["sync_7"]) for row in table} == {1.0}
+    assert float(table[-1]["154136_acc_y"]) == pytest.approx(-2.0, abs=1e-4)
+
+
+def test_the_vendors_library_reads_the_status_and_polls(bench, tmp_path):
+    """MSCL: basic and diagnostic status, and one packet of each set in the stored format."""
+    [port] = Path(bench["TICKWORK_PORTS"]).parent.glob("tty*")
+    command = [PYTHON, "-c", VENDOR, port]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert found.stdout.splitlines() == ["3 True", "[128]", "[130]"], found.stderr
+
+
+# What its window for a RobStride does: the buttons call these methods.
+ROBSTRIDES = """
+from epicallypowerful.toolbox.robstride_setup import RobstrideConfigure
+
+tool = RobstrideConfigure(max_can_id=12)
+print(sorted(tool.scan()))
+print(tool.disable(3) is not None, tool.change_id(3, 9) is not None, tool.enable(9) is not None)
+tool.available_devices = set()
+print(sorted(tool.scan()))
+print(tool.disable(9) is not None)
+"""
+PAIR = """
+from blocks.actuators import actuators
+from graph import Diagram
+
+with Diagram("pair", rate=200) as diagram:
+    for motor in actuators({3: "RS02", 5: "CyberGear"}).values():
+        motor(torque_command=0.0)
+"""
+
+
+def test_the_setup_of_robstrides_finds_enables_and_renumbers_them(tmp_path):
+    group = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.79"
+    rig = write(
+        tmp_path,
+        f'[bus.can]\ninterface = "udp_multicast"\nchannel = "{group}"\noptions = {{ port = 43114 }}\n',
+        "pair.toml",
+    )
+    write(tmp_path, PAIR, "pair.py")
+    write(tmp_path, ROBSTRIDES, "buttons.py")
+    process = started("emulate", "pair.py", "--rig", rig, cwd=tmp_path)
+    try:
+        read_until(process.stdout, "Ctrl-C ends it")
+        out, _ = begun({"REFERENCE_CAN": f"{group}:43114"}, tmp_path, str(tmp_path / "buttons.py")).communicate(
+            timeout=PATIENCE
+        )
+        found = [line for line in out.splitlines() if line[:1] in "[TF"]
+        assert found == ["[3, 5]", "True True True", "[5, 9]", "True"], out
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+
+
+def test_dummy_data_of_both_are_read_by_one_parser(tmp_path):
+    """PlotJuggler's: one JSON object per datagram, a number at the top named timestamp, numbers below it."""
+    taken = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.bind(("127.0.0.1", 0))
+        server.settimeout(PATIENCE)
+        host, port = server.getsockname()
+        for begin, *arguments in (
+            (begun, {}, tmp_path, "ep-dummy-viz", "-ip", host, "-p", port),
+            (partial(started, cwd=tmp_path), "plotjuggler", "--dummy", f"{host}:{port}"),
+        ):
+            sender = begin(*arguments)
+            taken[begin] = json.loads(server.recv(65536))
+            sender.kill()
+            sender.communicate()
+            server.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                while server.recv(65536):
+                    pass
+            server.settimeout(PATIENCE)
+    theirs, ours = taken.values()
+    assert theirs["example_data"].keys() == {"sine", "cosine"} and isinstance(theirs["timestamp"], float)
+    flat = [value for key, value in ours.items() if key != "timestamp"]
+    while any(isinstance(value, dict) for value in flat):
+        flat = [inner for value in flat for inner in (value.values() if isinstance(value, dict) else [value])]
+    assert isinstance(ours["timestamp"], float) and len(flat) == 4
+    assert all(isinstance(value, float) for value in flat)

@@ -6,7 +6,7 @@ times since power-on in the fields 80 12 and 82 11; the newer has one format com
 the shared field D5.
 """
 
-from libc.stdint cimport int64_t, uint8_t, uint16_t, uint64_t
+from libc.stdint cimport int64_t, uint8_t, uint16_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memmove, memset
 
 from cext.abi cimport (
@@ -14,19 +14,21 @@ from cext.abi cimport (
     items,
 )
 from cext.kernels.devices.microstrain.mip cimport (
-    HEAD, LOAD, READ, RESET, SAVE, SYNC_1, SYNC_2, WRITE, finish, next_packet, put_16,
+    HEAD, LOAD, READ, RESET, SAVE, SYNC_1, SYNC_2, WRITE, WRITE_QUIETLY, finish, next_packet, put_16,
+    put_32,
 )
 from cext.kernels.devices.microstrain.settings cimport (
-    INFO, OUTBOX, REGISTERS, VALUE, Format, Sensor, Settings, State, factory, low_pass, mounting, set_format, setting,
-    supports,
+    INFO, OUTBOX, REGISTERS, VALUE, Format, Sensor, Settings, State, factory, low_pass, mounting, poll, set_format,
+    setting, supports,
 )
+from cext.kernels.devices.microstrain.status cimport device_status
 from cext.kernels.devices.microstrain.truth cimport Truth, fill, mount
 from cext.ring.newest_ring cimport START
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
 SENSOR = items(
     (<Sensor *>ITEMS)[0],
-    "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[5] power_on[68] registers[...] state[...]")
+    "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[6] power_on[68] registers[...] state[...]")
 
 
 cdef inline double chance(State *state) noexcept nogil:
@@ -41,6 +43,7 @@ cdef void post(double *arena, const Sensor *at, State *state, const uint8_t *dat
     """Send bytes on the line, some of which are lost."""
     cdef int index
     cdef double dropped = arena[at.dropped]
+    state.written += count
     for index in range(count):
         if state.waiting < OUTBOX and not (dropped > 0.0 and chance(state) < dropped):
             state.outbox[state.waiting] = data[index]
@@ -72,6 +75,13 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
     elif command == 0x0105:
         out[0], out[1] = 6, 0x83                    # no fault
         return 6
+    elif command == 0x0172:                         # time of an external clock: 1 week, 2 seconds
+        if length < 2 or not 1 <= data[1] <= 2:
+            return -3
+        if data[0] == READ:
+            out[0], out[1] = 6, 0x83 + data[1]
+            put_32(out + 2, <uint32_t>(settings.clock_start + arena[TIME]) if data[1] == 2 else 0)
+            return 6
     elif command == 0x0103:
         out[0], out[1] = INFO + 2, 0x81
         for index in range(INFO):
@@ -140,6 +150,8 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
             return -3
         out[0], out[1] = 14, 0x9B                   # the bias of an ideal gyroscope
         return 14
+    elif command == 0x0C64:
+        return device_status(arena, at, sizes, state, out, data, length)
     elif command == 0x0C50 or command == 0x0C54:
         return low_pass(arena, at, sizes, state, out, field[1] == 0x54, data, length)
     elif command == 0x0D18:
@@ -174,15 +186,54 @@ cdef void answer(double *arena, const Sensor *at, const Sensor *sizes, State *st
     cdef uint8_t out[400]
     cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
-    cdef int count
+    cdef int count, polled
+    cdef bint quiet
+    cdef const uint8_t *field
+    cdef Format wanted
     while offset < end and packet[offset] >= 2 and offset + packet[offset] <= end:
+        field = packet + offset
         memset(out, 0, sizeof(out))
         out[2] = packet[2]
-        count = reply(arena, at, sizes, state, out + HEAD + 4, packet[2], packet + offset)
-        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[offset + 1], <uint8_t>(-count
-            if count < 0 else 0)
-        post(arena, at, state, out, finish(out, 4 + max(count, 0)))
-        offset += packet[offset]
+        polled, quiet = polled_set(packet[2], field), False
+        if polled == 0:
+            count = reply(arena, at, sizes, state, out + HEAD + 4, packet[2], field)
+            quiet = packet[2] == 0x01 and field[1] == 0x72 and field[2] == WRITE_QUIETLY
+        elif supports(arena, at, sizes, packet[2], field[1]):
+            count = field[1] == 0x0D                # bytes before the option
+            quiet = field[0] > 2 + count and field[2 + count] != 0
+            count = poll(arena, at, sizes, state, &wanted, polled, field + 2 + count, field[0] - 2 - count,
+                1 if count else 3)
+        else:
+            count = -1
+        if not quiet:
+            out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, field[1], <uint8_t>max(-count, 0)
+            post(arena, at, state, out, finish(out, 4 + max(count, 0)))
+        if polled and count == 0:
+            send_polled(arena, at, sizes, state, &wanted, polled)
+        offset += field[0]
+
+
+cdef inline int polled_set(int descriptor_set, const uint8_t *field) noexcept nogil:
+    """Return the set of data that a command requests once, 0 for none."""
+    if descriptor_set != 0x0C:
+        return 0
+    if field[1] == 0x0D:
+        return field[2] if field[0] > 2 and field[2] == 0x82 else 0x80
+    return 0x80 if field[1] == 0x01 else 0x82 if field[1] == 0x03 else 0
+
+
+cdef void send_polled(double *arena, const Sensor *at, const Sensor *sizes, State *state, const Format *wanted,
+        int descriptor_set) noexcept nogil:
+    """Send the present measurements, none if no field is known."""
+    cdef uint8_t packet[400]
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
+    cdef Truth truth
+    cdef int count
+    measure(arena, at, sizes, state, &truth)
+    truth.clock = settings.clock_start + arena[TIME] / (1.0 + settings.clock_drift)
+    count = pack(&truth, wanted, descriptor_set, 0, 1.0 / settings.base_rate, packet)
+    if count:
+        post(arena, at, state, packet, finish(packet, count))
 
 
 cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, const Frame *frame) noexcept nogil:
@@ -194,6 +245,7 @@ cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, con
         return TAKEN
     memcpy(state.inbox.bytes + state.inbox.length, frame.data, frame.length)
     state.inbox.length += frame.length
+    state.read += frame.length
     while True:
         need = next_packet(state.inbox.bytes, <int>state.inbox.length, &offset, False, &state.corrupt)
         if need == 0:
@@ -224,26 +276,36 @@ cdef void measure(double *arena, const Sensor *at, const Sensor *sizes, const St
         mount(truth, turned, (<const Settings *>(arena + at.settings)).newer != 0.0)
 
 
-cdef void sample(double *arena, const Sensor *at, State *state, Truth *truth, int which,
-        double period) noexcept nogil:
-    """Send one packet of one set, if due. period : of the base rate"""
-    cdef uint8_t packet[400]
-    cdef const Format *format = &state.now.format[which]
+cdef int pack(Truth *truth, const Format *format, int descriptor_set, int64_t number, double period,
+        uint8_t *packet) noexcept nogil:
+    """Write the fields of a data packet that are due. Returns their length.
+
+    number : of the sample; period : of the base rate
+    """
     cdef int offset = HEAD
-    cdef int index, count, bit
-    packet[2] = 0x82 if which else 0x80
+    cdef int index, count
+    packet[2] = <uint8_t>descriptor_set
     for index in range(format.count):
-        if state.sample % format.decimation[index] == 0:
+        if number % format.decimation[index] == 0:
             truth.period = period * format.decimation[index]
-            count = fill(truth, packet[2], format.descriptor[index], packet + offset + 2)
+            count = fill(truth, descriptor_set, format.descriptor[index], packet + offset + 2)
             if count > 0 and offset + 2 + count <= HEAD + 255:
                 packet[offset], packet[offset + 1] = <uint8_t>(2 + count), format.descriptor[index]
                 offset += 2 + count
-    if offset == HEAD:
+    return offset - HEAD
+
+
+cdef void sample(double *arena, const Sensor *at, State *state, Truth *truth, int which,
+        double period) noexcept nogil:
+    """Send one packet of one set, if due."""
+    cdef uint8_t packet[400]
+    cdef int bit
+    cdef int count = pack(truth, &state.now.format[which], 0x82 if which else 0x80, state.sample, period, packet)
+    if count == 0:
         return
     if arena[at.skipped] > 0.0 and chance(state) < arena[at.skipped]:
         return
-    count = finish(packet, offset - HEAD)
+    count = finish(packet, count)
     if arena[at.flipped] > 0.0 and chance(state) < arena[at.flipped]:
         bit = <int>(chance(state) * 8 * count)
         packet[bit >> 3] ^= <uint8_t>(1 << (bit & 7))

@@ -29,6 +29,7 @@ cdef enum: # functions of a setting's command
     SAVE = 3
     LOAD = 4
     RESET = 5                   # to the factory setting
+    WRITE_QUIETLY = 6           # without an acknowledgement
 
 cdef struct Pending:            # in the memory of a block
     int64_t length

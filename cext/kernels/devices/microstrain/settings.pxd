@@ -27,6 +27,7 @@ cdef struct Settings:
     double clock_drift
     double clock_start          # s
     double seed
+    double number               # of the model
 
 cdef struct Format:
     int32_t count
@@ -56,6 +57,8 @@ cdef struct State:
     int64_t waiting             # bytes in the outbox
     uint8_t outbox[OUTBOX]
     int64_t corrupt
+    int64_t read                # bytes
+    int64_t written
 
 cdef struct Sensor:
     int32_t accel, gyro, mag, quaternion, temperature, silent, garbage, dropped, flipped, skipped, not_a_number
@@ -66,6 +69,26 @@ cdef struct Sensor:
     int32_t power_on            # formats, and whether it streams
     int32_t registers           # further settings, which have no effect except the rotation
     int32_t state               # State
+
+
+cdef inline int poll(double *arena, const Sensor *at, const Sensor *sizes, const State *state, Format *wanted,
+        int descriptor_set, const uint8_t *data, int length, int size) noexcept nogil:
+    """Find the fields that a request names, or those of the stored format. Returns 0 or the negated error code.
+
+    data : of the command from its option; size : bytes of each descriptor
+    """
+    cdef int index, count
+    if length < 2 or length < 2 + size * data[1]:
+        return -3
+    wanted[0] = state.now.format[descriptor_set >> 1 & 1]
+    count = data[1]
+    if count:
+        wanted.count = 0
+    for index in range(count):                      # unknown ones are ignored
+        if wanted.count < FIELD_LIMIT and supports(arena, at, sizes, descriptor_set, data[2 + size * index]):
+            wanted.descriptor[wanted.count], wanted.decimation[wanted.count] = data[2 + size * index], 1
+            wanted.count += 1
+    return 0 if count or wanted.count else -4
 
 
 cdef inline bint supports(double *arena, const Sensor *at, const Sensor *sizes, int descriptor_set,
