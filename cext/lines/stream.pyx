@@ -17,6 +17,11 @@ from cext.lines.stream_frames cimport BYTES, LEVEL
 cdef extern from "<sys/uio.h>" nogil:
     ssize_t writev(int fd, const iovec *parts, int count)
 
+cdef extern from "<sys/ioctl.h>" nogil:
+    int ioctl(int fd, unsigned long request, ...)
+    const unsigned long TIOCGPTN, TCFLSH
+    const int TCOFLUSH
+
 cdef enum:
     WRITE_FRAMES = 16                   # of one write
 
@@ -73,10 +78,19 @@ cdef int stream_send(void *context, const Frame *frames, int count) noexcept nog
             parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first
                 + index].length
             size += frames[first + index].length
-        if load_i32(&source.gone) or writev(source.fd, parts, number) != size:
+        if load_i32(&source.gone) or writev(source.fd, parts, number) != size and not (
+                flushed(source.fd) and writev(source.fd, parts, number) == size):
             source.refused += 1
         first += number
     return count
+
+
+cdef inline bint flushed(int fd) noexcept nogil:
+    """Discard what no process has read from the terminal of an emulated line, as a port that is not open does, so that
+    a program that opens it receives replies. Returns False for another line.
+    """
+    cdef unsigned int number
+    return ioctl(fd, TIOCGPTN, &number) == 0 and ioctl(fd, TCFLSH, TCOFLUSH) == 0
 
 
 cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil:

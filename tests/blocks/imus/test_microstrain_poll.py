@@ -10,7 +10,8 @@ import pytest
 
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.models import MODELS
-from tests.blocks.imus.test_microstrain_settings import CV5, CV7, GX5, answer, wired
+from tests.blocks.actuators.wire import TAKEN
+from tests.blocks.imus.test_microstrain_settings import BYTES, CV5, CV7, GX5, answer, wired
 
 ACCEL, GYRO, MATRIX, FILTER_EULER, UNKNOWN = 0x04, 0x05, 0x09, 0x05, 0x7B
 SENSOR, FILTER = 0x80, 0x82
@@ -128,3 +129,23 @@ def test_the_time_of_an_external_clock_is_accepted_with_or_without_acknowledgeme
     assert update(mip.WRITE, 1) == [(0x01, [(mip.ACKNOWLEDGE, b"\x72\0")])] and update(6, 2) == []
     assert update(mip.READ, 2) == [(0x01, [(mip.ACKNOWLEDGE, b"\x72\0"), (0x85, struct.pack(">I", 1000))])]
     assert update(mip.WRITE, 3) == [(0x01, [(mip.ACKNOWLEDGE, b"\x72\3")])]
+
+
+def test_a_line_that_is_too_slow_drops_whole_packets_and_no_reply():
+    """1000 Hz with one tick of 256 bytes in 20 ms: an order of magnitude more than the line carries."""
+    sensor, received = wired(GX5), b""
+    fields = (0x04, 0x05, 0x06, 0x09, 0x0A, 0x0C)
+    answer(
+        sensor, mip.command(mip.COMMAND_3DM, 0x08, "BB" + "BH" * 6, mip.WRITE, 6, *(n for f in fields for n in (f, 1)))
+    )
+    answer(sensor, mip.packet(0x0C, (0x11, b"\1\1\1")))
+    for tick in range(1, 100):
+        sensor.arena[TIME] = 0.02 * tick
+        received += b"".join(chunk for _, chunk in sensor.say())
+    assert sensor.hear(BYTES, mip.packet(0x01, (0x02, b""))) == TAKEN  # idle
+    for _ in range(100):
+        received += b"".join(chunk for _, chunk in sensor.say())
+    packets, _, corrupt = mip.split(received)
+    assert not corrupt and len(packets) > 100 and mip.fields(packets[-1]) == [(mip.ACKNOWLEDGE, b"\2\0")]
+    _, data = status(sensor, 6253, 2)
+    assert struct.unpack_from(">I", data, 15)[0] > 1000  # dropped packets of the set 80

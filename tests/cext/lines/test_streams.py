@@ -1,6 +1,7 @@
 """Streams: one native thread reads every descriptor; the newest data wins, and lost lines reconnect."""
 
 import os
+import select
 import socket
 import termios
 import time
@@ -346,3 +347,19 @@ def test_reconnected_device_is_accepted_after_identification(streams, tmp_path):
     os.set_blocking(master, True)
     assert os.read(master, 64) == b"go" and heard(stream, 3) == b"yyy"
     os.close(master)
+
+
+def test_a_terminal_that_was_not_read_has_the_newest_data(streams):
+    """A port that no process has open keeps no data: a program that opens it receives replies."""
+    master, slave, path = raw_pty()
+    stream = streams.add(master)
+    os.close(master)
+    streams.start()
+    for number in range(5000):
+        assert stream.end.send(0, number.to_bytes(2, "little") * 30)
+    assert stream.end.send(0, b"reply") and stream.counts["refused"] == 0
+    received = b""
+    while not received.endswith(b"reply") and select.select([slave], [], [], 2.0)[0]:
+        received += os.read(slave, 65536)
+    assert received.endswith(b"reply") and len(received) < 100_000
+    os.close(slave)

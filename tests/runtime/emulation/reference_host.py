@@ -43,7 +43,7 @@ class Group(UdpMulticastBus):
     def __init__(self):
         self.sent = collections.deque(maxlen=MEMORY)
         group, _, port = os.environ["REFERENCE_CAN"].partition(":")
-        super().__init__(channel=group, port=int(port or self.DEFAULT_PORT))
+        super().__init__(channel=group, **({"port": int(port)} if port else {}))
 
     def send(self, msg, timeout=None):
         self.sent.append((msg.arbitration_id, bytes(msg.data)))

@@ -59,6 +59,7 @@ cdef struct State:
     int64_t corrupt
     int64_t read                # bytes
     int64_t written
+    int64_t lost[2]             # packets of the sets 80 and 82, on a slow line
 
 cdef struct Sensor:
     int32_t accel, gyro, mag, quaternion, temperature, silent, garbage, dropped, flipped, skipped, not_a_number

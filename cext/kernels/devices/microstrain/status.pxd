@@ -42,7 +42,7 @@ cdef inline int device_status(double *arena, const Sensor *at, const Sensor *siz
     if data[2] == DIAGNOSTIC:
         if filtered:
             next[0], next[1] = <uint8_t>state.now.streams[0], <uint8_t>state.now.streams[1]
-            next += 10                              # none was dropped
+            next = word(word(next + 2, <uint32_t>state.lost[0]), <uint32_t>state.lost[1])
         else:
             next[0], next[1] = supports(arena, at, sizes, 0x80, 0x06), supports(arena, at, sizes, 0x80, 0x17)
             next[2] = FULL_PERFORMANCE
@@ -51,6 +51,7 @@ cdef inline int device_status(double *arena, const Sensor *at, const Sensor *siz
             put_float(next + 11, arena[at.temperature])
             put_32(next + 15, now)
             next[28] = <uint8_t>state.now.streams[0]
+            put_32(next + 29, <uint32_t>state.lost[0])
             next += 33
         next = word(word(next, <uint32_t>state.written), <uint32_t>state.read) + 8
         if filtered:                                # samples without errors, and the time of the last one
