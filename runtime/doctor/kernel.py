@@ -56,7 +56,10 @@ def patient(machine: Machine) -> str:
     if machine.kind == PI:
         return "sudo apt install linux-image-rpi-v8-rt, and kernel=kernel8_rt.img in config.txt"
     if machine.kind == JETSON:
-        return "sudo apt install nvidia-l4t-rt-kernel (from NVIDIA's rt-kernel repository)"
+        return (
+            "sudo apt install nvidia-l4t-rt-kernel nvidia-l4t-rt-kernel-headers nvidia-l4t-rt-kernel-oot-modules"
+            " nvidia-l4t-display-rt-kernel (from NVIDIA's rt-kernel repository)"
+        )
     if "Ubuntu" in machine.system:
         return "sudo pro enable realtime-kernel"
     if "Debian" in machine.system:
