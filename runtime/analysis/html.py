@@ -21,7 +21,8 @@ def trial_in_html(trial: TrialData) -> str:
         "trial": ", ".join(f"{name}={value}" for name, value in trial.fields.items()),
         "settings": ", ".join(f"{name}={value}" for name, value in settings.items()),
         "file": str(trial.path) if trial.parts else "",
-        "ended": (trial.end or {}).get("ended", "the recording is truncated"),
+        "ended": (trial.end or {}).get("ended", "the recording has no end"),
+        "problem": trial.trouble,
     }
     rows = "".join(
         f'<tr><th style="text-align: left">{name}</th><td style="text-align: left">{escape(text)}</td></tr>'

@@ -20,4 +20,5 @@ def table(trial: TrialData) -> pandas.DataFrame:
     columns = {"tick": trial.tick, **signals}
     made = pandas.DataFrame(columns, index=pandas.Index(trial.time, name="time"))
     made.attrs.update(units={path: entry["unit"] for path, entry in trial.signals.items()}, fields=trial.fields)
+    made.attrs.update(complete=trial.complete, trouble=trial.trouble)
     return made

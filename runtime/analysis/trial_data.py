@@ -40,7 +40,7 @@ class TrialData:
     """Recording. What is asked for is read from its file then, and kept.
 
     Opening reads the metadata. The first use of anything else checks the whole file: the values that are returned have
-    a valid checksum, and those of damaged parts of the file are missing everywhere.
+    a valid checksum, apart from `unverified`, and those of damaged parts of the file are missing everywhere.
 
     signals : {path: {"index", "path", "dtype", "unit", "circle", "every"}}, in the order of the row
     rows : (ticks, signals) array of doubles; a signal is NaN in ticks in which it was not recorded
@@ -50,6 +50,8 @@ class TrialData:
     about, end, diagram : metadata of the recording; `end` and `diagram` may be None
     complete, trouble : whether the recording was finished and is undamaged; if not, the problem with the file, in one
         line
+    unfinished : whether the recorder was killed, or still records, and nothing is missing up to its last flush
+    unverified : number of ticks whose bytes have no checksum, in a file that was cut
     damaged : whether bytes of the file are damaged. The ticks in them are missing
     gaps : [(time of the last tick before it, time of the first one after it)] of damaged bytes, in s
     file : runtime.recording.parts.Recording that is read; None for a run without a file
@@ -143,6 +145,17 @@ class TrialData:
     def damaged(self) -> bool:
         """Whether bytes of the file are damaged, apart from a missing end."""
         return self.file is not None and self.file.is_damaged
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the only problem is that the recorder was killed, or still records; up to its last flush, no tick
+        is missing."""
+        return not self.complete and not self.file.problems
+
+    @property
+    def unverified(self) -> int:
+        """Number of ticks that are not verified by a checksum, since the file was cut or its writer had none."""
+        return 0 if self.file is None else self.file.unverified
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
@@ -335,9 +348,12 @@ class TrialData:
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
         fault = f", fault: {self.fault['status']}" if self.fault else ""
+        problem = "" if self.complete else ", unfinished" if self.unfinished else ", cut or damaged"
+        problem += f", {self.unverified} ticks without a checksum" if self.unverified else ""
         return one_line(
             f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, "
-            f"{len(self.names)} signal{'' if len(self.names) == 1 else 's'}{', ' if what else ''}{what}{fault}>"
+            f"{len(self.names)} signal{'' if len(self.names) == 1 else 's'}{', ' if what else ''}{what}{fault}"
+            f"{problem}>"
         )
 
     def __getitem__(self, path: str) -> np.ndarray:

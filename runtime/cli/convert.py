@@ -23,7 +23,7 @@ READING_SHARE = 0.5  # of the progress
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code, 1 if a recording is damaged; raises BadInput for unusable arguments.
+    """Run the command. Returns the exit code, 1 for a damaged or cut recording; raises BadInput for unusable arguments.
 
     A recording that cannot be converted is reported, and the others are converted.
     """
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
         try:
             with Progress(f"{'finishing' if options.in_place else 'converting'} {recording.name}") as progress:
                 trial = read(recording, progress, 0.0, READING_SHARE)
-                if trial.damaged:
+                if trial.trouble and not trial.unfinished:
                     code = max(code, CHECK_FAILED)
                 for path in (
                     finished(trial, progress)

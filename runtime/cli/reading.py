@@ -27,4 +27,6 @@ def read(path: Path, progress: Progress, first: float, last: float) -> Trial:
         progress.terminal.erase()
         until = f", {len(trial)} ticks until {trial.time[-1]:g} s" if len(trial) else ", no ticks"
         print_to_stderr([f"tickwork: {trial.trouble}{until}"])
+    elif trial.unverified:
+        print_to_stderr([f"tickwork: {trial.unverified} ticks of {trial.path} are not verified by a checksum"])
     return trial

@@ -81,8 +81,11 @@ class Copy:
             if topic not in self.numbers:
                 name, descriptor = contents.schemas[channel]
                 self.numbers[topic] = self.writer.channel(topic, descriptor, name)
-        for done, chunk in enumerate(reader.ahead(lambda _, chunk: chunk, range(len(chunks)))):
-            for data in chunk.in_order():
+        for done, messages_read in enumerate(reader.ahead(lambda _, messages: messages, range(len(chunks)))):
+            if self.writer.is_verified == chunks[done].is_unverified:
+                self.writer.end_chunk()
+                self.writer.is_verified = not chunks[done].is_unverified
+            for data in messages_read.in_order():
                 topic = contents.topics.get(MESSAGE.unpack_from(data)[2])
                 if topic is not None:
                     self.message(topic, data)

@@ -102,11 +102,12 @@ class Check:
     gaps : [Gap]
     chunks : those that are undamaged, with the messages of complete rows
     count : number of valid messages
-    unverified : number of ticks in chunks that have no checksum, since they were not completed
+    indices : [(first byte, end)] of damaged message indices
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout, self.gaps, self.chunks, self.count, self.unverified = layout, [], [], 0, 0
+        self.layout, self.gaps, self.chunks, self.count = layout, [], [], 0
+        self.indices: list[tuple[int, int]] = []
         self.last: int | None = None  # complete tick
         self.begin()
 
@@ -121,7 +122,8 @@ class Check:
         """Add an undamaged chunk, or the part of one before its first invalid message."""
         chunk.limit, chunk.counts = found.limit, found.counts
         self.count += sum(found.counts.values())
-        self.unverified += len(found.ticks) * chunk.headless
+        if not chunk.is_indexed:
+            self.indices.append((chunk.begin + chunk.length, chunk.end))
         self.run.append(chunk)
         self.chunks.append(chunk)
         near = int(found.ticks[0]) if len(found.ticks) else self.last or 0
@@ -188,6 +190,7 @@ class Check:
             index = sum(INDEX.size + PLACE.itemsize * count for count in counts if count)
             more = end - (last.begin + last.length + index)  # other writers add empty indices; a chunk is larger
             if begin >= last.begin + last.length and -CHUNK_HEAD.size < more < 2 * CHUNK_HEAD.size:
+                self.indices.append((begin, end))
                 return
         self.trim(to_end=False)
         if self.gaps and self.gaps[-1].after is None:
@@ -228,8 +231,9 @@ class Check:
         size : of the file, in bytes
         last : last tick of the run; None if it is unknown
         """
-        texts = [gap_text(gap, rate, last) for gap in self.gaps[:NAMED_LIMIT]]
-        more = len(self.gaps) - len(texts)
+        gaps = [*self.gaps, *([Gap(self.indices, -1, 0)] if self.indices else [])]
+        texts = [gap_text(gap, rate, last) for gap in gaps[:NAMED_LIMIT]]
+        more = len(gaps) - len(texts)
         if more:
             texts.append(f"and {more} more {'gap' if more == 1 else 'gaps'}")
         return f"is damaged: of its {size} bytes, {'; '.join(texts)}" if texts else ""

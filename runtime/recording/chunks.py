@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD, reserved
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD, reserved, stamps_of
 from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA
 from runtime.recording.zstd_stream import decode
 
@@ -30,7 +30,7 @@ MESSAGE_HEAD = [
     ("log_time", "<i8"),
     ("publish_time", "<i8"),
 ]
-BEGIN = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2")])  # of a message record
+BEGIN = np.dtype(MESSAGE_HEAD)
 PLACE = np.dtype([("log_time", "<u8"), ("offset", "<u8")])  # of a message, in an index
 
 
@@ -44,7 +44,6 @@ class Stored(NamedTuple):
     compression: str
     data: Any
     uncompressed_size: int
-    uncompressed_crc: int
 
 
 @dataclass
@@ -58,6 +57,9 @@ class Chunk:
     end : position at which its message indices end
     counts : {channel: number of messages}
     headless : whether it has no head of a chunk
+    checksum : of the messages of a chunk without a head; None if the file has none
+    is_unverified : whether the file has no checksum of its messages
+    is_indexed : whether its message indices are undamaged; this and `is_unverified` are known after `load`
     limit : bytes of its messages that are undamaged; None for all
     trim : {channel: (number of its first messages, of its last messages) that are not used}, of incomplete rows beside
         a gap
@@ -71,6 +73,9 @@ class Chunk:
     end: int
     counts: dict[int, int] = field(default_factory=dict)
     headless: bool = False
+    checksum: int | None = None
+    is_unverified: bool = False
+    is_indexed: bool = True
     limit: int | None = None
     trim: dict[int, tuple[int, int]] = field(default_factory=dict)
 
@@ -158,26 +163,33 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
 
     descriptor : of the file
 
-    A chunk whose head was not written has no checksum: its size and its index are compared.
-
     Raises ValueError or LookupError if the chunk is damaged.
     """
     raw = memoryview(os.pread(descriptor, chunk.end - chunk.at, chunk.at))
     stored, indices = raw[chunk.begin - chunk.at :][: chunk.length], raw[chunk.begin - chunk.at + chunk.length :]
-    if chunk.compression == STREAM or raw[: len(ROOMS[ZSTD])] == ROOMS[ZSTD]:
+    room = {ROOMS[name][: HEAD.size]: name for name in ROOMS}.get(bytes(raw[: HEAD.size]))
+    checksum = chunk.checksum
+    if room is not None and not chunk.headless:  # a head that was not written, of a chunk that is in the summary
+        checksum = next((crc for size, crc in stamps_of(raw, room)[0] if size == chunk.size), None)
+    if chunk.compression == STREAM or room == ZSTD:
         plain = decode(bytes(stored), chunk.size).data
-    elif chunk.headless or raw[: len(ROOMS[""])] == ROOMS[""]:
+    elif chunk.headless or room == "":
         plain = stored
     else:
         head, compression, size, checksum, length = head_of(raw)
         if (chunk.at + head, length, compression, size) != (chunk.begin, chunk.length, chunk.compression, chunk.size):
             raise ValueError("a head that differs from the index")
-        plain = expand(Stored(compression, stored, size, checksum))
+        plain = expand(Stored(compression, stored, size))
     if len(plain) != chunk.size:
         raise ValueError(f"{len(plain)} bytes instead of {chunk.size}")
+    chunk.is_unverified = not checksum
+    if checksum and zlib.crc32(plain) != checksum:
+        raise ValueError("a wrong checksum")
     data = np.frombuffer(plain, dtype=np.uint8)
-    offsets = indexed(data, indices) if len(indices) else None
+    places = places_of(indices) if len(indices) else None
+    offsets = None if places is None else indexed(data, places)
     messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
+    chunk.is_indexed = not len(indices) or is_index(places, messages)
     if not (chunk.headless or messages.end == len(data)):
         raise ValueError("a record longer than its chunk")
     messages = messages if chunk.limit is None else messages.until(chunk.limit)
@@ -187,29 +199,33 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
     return messages
 
 
-def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | None:
-    """Return {channel: offsets} of message indices, or None if they do not describe exactly these messages.
+def places_of(indices: memoryview) -> dict[int, np.ndarray] | None:
+    """Return {channel: array of PLACE} of message indices, or None if they are damaged.
 
-    data : array of bytes
     indices : bytes of the MessageIndex records
     """
-    at, offsets_of = 0, {}
+    at, found = 0, {}
     while at + INDEX.size <= len(indices):
         kind, length, channel, size = INDEX.unpack_from(indices, at)
         at += INDEX.size
-        if (
-            kind != AN_INDEX
-            or length != INDEX.size - HEAD.size + size
-            or size % PLACE.itemsize
-            or channel in offsets_of
-        ):
+        if kind != AN_INDEX or length != INDEX.size - HEAD.size + size or size % PLACE.itemsize or channel in found:
             return None
         if at + size > len(indices):
             return None
-        offsets_of[channel] = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
-        if np.any(offsets_of[channel][1:] <= offsets_of[channel][:-1]):
-            return None
+        found[channel] = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)
         at += size
+    return found if at == len(indices) else None
+
+
+def indexed(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.ndarray] | None:
+    """Return {channel: offsets} of message indices, or None if they do not describe exactly these records.
+
+    data : array of bytes
+    places : as of `places_of`
+    """
+    offsets_of = {channel: found["offset"].astype(np.int64) for channel, found in places.items()}
+    if any(np.any(offsets[1:] <= offsets[:-1]) for offsets in offsets_of.values()):
+        return None
     try:
         heads = gathered(data, np.concatenate([NONE, *offsets_of.values()]), BEGIN)
     except ValueError:
@@ -219,6 +235,17 @@ def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | No
         return None
     total = int(heads["length"].astype(np.int64).sum()) + HEAD.size * len(heads)
     return offsets_of if total == len(data) else None
+
+
+def is_index(places: dict[int, np.ndarray] | None, messages: Messages) -> bool:
+    """Return whether message indices have each message of a chunk at its place, with its time."""
+    if places is None or {channel for channel in places if len(places[channel])} != messages.offsets.keys():
+        return False
+    return all(
+        np.array_equal(places[channel]["offset"], offsets)
+        and np.array_equal(places[channel]["log_time"], gathered(messages.data, offsets, BEGIN)["log_time"].view("<u8"))
+        for channel, offsets in messages.offsets.items()
+    )
 
 
 def walked(plain: Any, only_messages: bool = False) -> Messages:
@@ -272,8 +299,6 @@ def expand(chunk: Stored) -> Any:
     data = {"": bare, "zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
     if len(data) != size:
         raise ValueError(f"{len(data)} bytes instead of {size}")
-    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError("a wrong checksum")
     return data
 
 

@@ -45,6 +45,7 @@ class Contents:
     written : messages that the recorder has counted; None if that is unknown
     gaps : [(first byte, end)] of damaged bytes between the records
     broken : names of damaged attachments
+    is_unfinished : whether its recorder was killed, and the file has everything up to the last flush
     finished, trouble : whether its recorder has written its end; if not, the problem with the file, in one line
     """
 
@@ -59,6 +60,7 @@ class Contents:
     written: int | None = None
     gaps: list[tuple[int, int]] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
+    is_unfinished: bool = False
     finished: bool = False
     trouble: str = ""
 

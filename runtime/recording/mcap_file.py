@@ -4,7 +4,9 @@
 
 A chunk begins with its length, which is not known until the chunk is complete. Space for its head is therefore reserved
 by a record of a private type, which is replaced by the head in one write when the chunk and its indices are in the
-file. Until then
+file. Until then, it has the checksum of the messages up to the last flush, so that these are verified in a file that
+was not finished, and that of OLDER_FLUSHES before, which the disk has after a power cut. A chunk that is full is
+followed by the space for the next one: a file without it was truncated.
 
     ROOM     is followed by the messages as plain records, which every reader of MCAP finds
     STREAM   is followed by a zstd frame (runtime.recording.zstd_stream), whose blocks end at each flush. Its declared
@@ -17,6 +19,7 @@ flushes. (MCAP specification, mcap.dev/spec)
 import os
 import zlib
 from array import array
+from collections import deque
 from collections.abc import Iterator
 from struct import Struct
 from typing import Any
@@ -25,6 +28,7 @@ from runtime.base.errors import BadInput
 from runtime.recording.zstd_stream import BLOCK_LIMIT, Compressor
 
 CHUNK = 1 << 20  # bytes of messages
+OLDER_FLUSHES = 4  # which take 2 s in real time
 ROOM, STREAM = 0x80, 0x81  # private types of records
 STREAM_LENGTH = 64 << 20  # bytes, that the record declares
 HEAD = Struct("<BQ")  # of a record: type, bytes that follow
@@ -61,6 +65,8 @@ class McapFile:
         self.start: Any = None  # position of the open chunk
         self.size = 0  # bytes of messages in the open chunk
         self.waiting, self.waiting_size = [], 0  # messages that are not compressed yet, and their bytes
+        self.stamps: deque[tuple[int, int]] = deque(maxlen=OLDER_FLUSHES + 1)  # of the last flushes, as in `reserved`
+        self.is_verified = True  # whether the messages are those that were recorded, so that chunks have a checksum
 
     def begin(self, library: str) -> None:
         """Write the header. library : name of the program"""
@@ -141,11 +147,12 @@ class McapFile:
             self.waiting.append(data)
             self.waiting_size += len(data)
         if self.size >= CHUNK:
-            self.end_chunk()
+            self.end_chunk(is_followed=True)
 
     def begin_chunk(self, start: int) -> None:
         """Begin an empty chunk. start : position of its head in the file"""
         self.start, self.index, self.size, self.checksum = start, {}, 0, 0
+        self.stamps.clear()
 
     def add(self, data: bytes, index: dict[int, bytes]) -> None:
         """Add messages to the index of the open chunk. Arguments as for `messages`."""
@@ -165,22 +172,41 @@ class McapFile:
             self.file.write(self.compressor.block(data))
 
     def flush(self) -> None:
-        """Write all messages to the file, which then ends with a complete block. Raises OSError."""
+        """Write all messages to the file, which then ends with a complete block, and their checksum. Raises OSError."""
         self.compress()
-        self.file.flush()
+        self.write_checksum()
 
-    def end_chunk(self) -> None:
-        """End the open chunk, if any: write its indices, then its head. Raises OSError."""
+    def write_checksum(self) -> None:
+        """Write what is complete to the file, then the checksum of the messages of the open chunk. Raises OSError."""
+        self.file.flush()
+        if self.start is not None and self.size:
+            self.stamps.append((self.size, self.checksum))
+            stored = self.file.tell() - self.start - CHUNK_HEADS[self.compression].size
+            head = reserved(self.compression, self.stamps[-1], self.stamps[0], stored)
+            os.pwrite(self.file.descriptor, head, self.start)
+
+    def end_chunk(self, is_followed: bool = False) -> None:
+        """End the open chunk, if any: write its indices, then its head. is_followed : by another. Raises OSError."""
         if self.start is None:
+            return
+        start = self.start
+        if not self.size:
+            self.start = None
+            self.file.take_back(reserved(self.compression))
             return
         if self.compressor is not None:
             self.compress()
             self.file.write(self.compressor.end())
+        self.write_checksum()
         end = self.file.tell()
         self.write_indices()
+        following = self.file.tell()
+        if is_followed:
+            self.file.write(reserved(self.compression))
         self.file.flush()
-        start = self.start
         os.pwrite(self.file.descriptor, self.complete(end), start)
+        if is_followed:
+            self.begin_chunk(following)
 
     def write_indices(self) -> None:
         """Write the message indices of the open chunk in the order of channels."""
@@ -234,7 +260,7 @@ class McapFile:
             begins,
             ends,
             size,
-            self.checksum if checksum is None else checksum,
+            (self.checksum if checksum is None else checksum) if self.is_verified else 0,
             len(compression),
             compression.encode(),
             end - start - form.size,
@@ -292,11 +318,27 @@ class McapFile:
         self.file.write(self.magic)
 
 
-def reserved(compression: str) -> bytes:
-    """Return the record that reserves space for the head of a chunk. compression : "zstd" or ""."""
+def reserved(
+    compression: str, newest: tuple[int, int] = (0, 0), older: tuple[int, int] = (0, 0), stored: int = 0
+) -> bytes:
+    """Return the record that reserves space for the head of a chunk.
+
+    compression : "zstd" or ""
+    newest, older : (bytes, CRC-32) of the first messages, up to the last flush and up to an older one
+    stored : bytes that the newest ones have in the file
+    """
     form = CHUNK_HEADS[compression]
     kind, length = (STREAM, STREAM_LENGTH) if compression else (ROOM, form.size)
-    return form.pack(kind, length - HEAD.size, 0, 0, 0, 0, len(compression), compression.encode(), 0)
+    return form.pack(kind, length - HEAD.size, *older, *newest, len(compression), compression.encode(), stored)
+
+
+def stamps_of(head: bytes | memoryview, compression: str) -> tuple[list[tuple[int, int]], int]:
+    """Return ([(bytes, CRC-32) of the first messages], stored bytes of the first of these) of a reserved head.
+
+    The newest is first. There is none in files of earlier versions.
+    """
+    _, _, *older, size, checksum, _, _, stored = CHUNK_HEADS[compression].unpack_from(head)
+    return [stamp for stamp in ((size, checksum), tuple(older)) if stamp[0]], stored
 
 
 def compression_level(text: str) -> int | None:

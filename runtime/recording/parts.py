@@ -128,7 +128,19 @@ class Recording:
     @property
     def finished(self) -> bool:
         """Whether the recorder has completed the last part, and no part is damaged."""
-        return self.readers[-1].finished and not self.is_damaged
+        return self.readers[-1].finished and not self.problems
+
+    @property
+    def problems(self) -> list[str]:
+        """Problems with the parts, apart from those that their recorder did not finish and lack nothing."""
+        self.check()
+        return [reader.trouble for reader in self.readers if reader.trouble and not reader.is_unfinished]
+
+    @property
+    def unverified(self) -> int:
+        """Number of ticks that are not verified by a checksum."""
+        self.check()
+        return sum(reader.unverified for reader in self.readers)
 
     @property
     def is_damaged(self) -> bool:
@@ -145,9 +157,8 @@ class Recording:
     @property
     def trouble(self) -> str:
         """Problem with a damaged part or the last part, in one line; "" without one."""
-        self.check()
-        texts = [reader.trouble for reader in self.readers if reader.is_damaged or reader is self.readers[-1]]
-        return "; ".join(filter(None, texts))
+        last = self.readers[-1]
+        return "; ".join([*self.problems, *([last.trouble] if last.is_unfinished else [])])
 
     @property
     def paths(self) -> list[Path]:

@@ -133,8 +133,11 @@ class Reader:
         between = [(begin if gap.before is None else gap.before, gap.after) for gap in check.gaps]
         self.gaps = [(a, b) for a, b in between if a is not None and b is not None and b - a > 1]
         texts.append(contents.trouble.removeprefix(f"{self.path} "))
-        if contents.trouble and check.unverified:
-            texts[-1] += f"; its last {check.unverified} ticks have no checksum"
+        unverified = [chunk.counts for chunk in check.chunks if chunk.is_unverified]
+        self.unverified = sum(counts.get(self.layout.tick, 0) for counts in unverified)
+        if contents.trouble and self.unverified:
+            texts[-1] += f"; {self.unverified} of its ticks are not verified by a checksum"
+        self.is_unfinished = contents.is_unfinished and not self.is_damaged and not self.unverified
         contents.trouble = f"{self.path} {', and '.join(filter(None, texts))}" if any(texts) else ""
         contents.finished = not contents.trouble
         self.contents = contents

@@ -28,6 +28,7 @@ from runtime.recording.mcap_file import (
     STREAM,
     ZSTD,
     McapFile,
+    stamps_of,
 )
 from runtime.recording.records import (
     A_CHUNK,
@@ -84,11 +85,13 @@ class Repair:
         self.expected, self.order = {}, []  # {index: channel} still to come; channels whose index was found
         self.indices = 0  # position of the first index
         self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
+        self.stamps = []  # [(bytes, checksum) of the first messages of the chunk], the newest first, if they are known
         self.compression = ""  # of the chunk
         self.damaged = False  # whether complete blocks have a record that does not belong there, or a part of one
         self.ended = True  # whether the zstd frame of the chunk is complete
         self.tail = b""  # complete messages of the chunk, behind the blocks that stay
         self.heads = []  # [(position, bytes)] of chunks to write
+        self.is_flushed = False  # whether the file was not finished, and has everything up to its last flush
         self.over = False  # whether the end of the data was reached
         self.stream.seek(0)
         self.looking = not self.whole and self.stream.read(len(MAGIC)) == MAGIC
@@ -117,6 +120,9 @@ class Repair:
             if kind != HEADER or read("Header", body).library != LIBRARY:
                 return None
         elif kind == A_MESSAGE and writer.start is not None and not self.compression and not self.expected:
+            if self.stamps and writer.size == self.stamps[0][0]:  # what follows was not flushed
+                self.is_flushed = True
+                return None
             self.count(data)
         elif kind == AN_INDEX and writer.start is not None:
             if not self.is_expected(at, data):
@@ -126,6 +132,7 @@ class Repair:
         elif kind in (ROOM, A_CHUNK) and len(data) == CHUNK_HEAD.size:
             _, _, _, _, size, checksum, _, _, again = CHUNK_HEAD.unpack(data)
             self.begin_chunk(at, "", (size, checksum) if kind == A_CHUNK and again == size else None)
+            self.stamps = stamps_of(data, "")[0] if kind == ROOM else []
             return end  # a room without a message behind it is removed
         elif kind in (STREAM, A_CHUNK):
             return self.take_frame(at)
@@ -147,12 +154,16 @@ class Repair:
     def begin_chunk(self, at: int, compression: str, claimed: tuple[int, int] | None) -> None:
         """Begin a chunk. claimed : (bytes, checksum) of its messages, if its head has them"""
         self.writer.begin_chunk(at)
-        self.compression, self.claimed = compression, claimed
+        self.compression, self.claimed, self.stamps = compression, claimed, []
+        self.writer.is_verified = True
 
     def count(self, data: bytes) -> None:
         """Take a message of the open chunk."""
         _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
         self.writer.add(data, {channel: PLACE.pack(log_time, self.writer.size)})
+        if (self.writer.size, self.writer.checksum) not in self.stamps and self.writer.size in dict(self.stamps):
+            self.damaged = True
+            raise ValueError("a wrong checksum")
 
     def is_message(self, record: bytes) -> bool:
         """Return whether a message record is of a channel of the file."""
@@ -177,6 +188,10 @@ class Repair:
         content, ends, ended = decode(frame, CHUNK_LIMIT)
         complete, whole = {0}, 0
         self.begin_chunk(at, ZSTD, (size, checksum) if kind == A_CHUNK and compressed_size == len(frame) else None)
+        self.stamps = stamps_of(head, ZSTD)[0] if kind == STREAM else []
+        if self.stamps and len(content) > self.stamps[0][0]:  # the rest was not flushed
+            content, ended, self.is_flushed = content[: self.stamps[0][0]], False, True
+            ends = [entry for entry in ends if entry[1] <= len(content)]
         for place, message, record in walk(io.BytesIO(content), 0):
             if message != A_MESSAGE or not self.is_message(record):
                 self.damaged = True
@@ -218,6 +233,8 @@ class Repair:
         checksum = None
         if self.claimed is not None and self.claimed[0] == self.writer.size:
             checksum = self.claimed[1]  # readers then still find a wrong one
+        elif (self.writer.size, self.writer.checksum) not in self.stamps[:1]:
+            self.writer.is_verified = False  # the file was cut within the chunk
         start = self.writer.start
         self.heads.append((start, self.writer.complete(end, self.compression, checksum)))
 
@@ -236,7 +253,7 @@ class Repair:
                     f"{self.path} was truncated before its first record, or is not a recording: it contains nothing "
                     "to repair"
                 )
-            if self.damaged or not self.over and not self.is_torn():
+            if self.damaged or not (self.over or self.is_flushed or self.is_torn()):
                 raise RepairFailed(
                     f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the undamaged "
                     "parts into a new file"
@@ -383,5 +400,7 @@ def finished(stream: Any, size: int) -> bool:
                 return False
             # the last field is missing in a partly written head
             if form is not None and (len(head) < form.size or form.unpack(head)[-1] != index.compressed_size):
+                return False
+            if form is not None and form.unpack(head)[2:4] != (index.message_start_time, index.message_end_time):
                 return False
     return True

@@ -6,6 +6,7 @@ a record.
 
 import os
 import re
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +25,7 @@ from runtime.recording.chunks import (
 from runtime.recording.chunks import STREAM as STREAM_OF_ZSTD
 from runtime.recording.contents import Contents
 from runtime.recording.json_text import DEPTH_LIMIT, TooDeep
-from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, ROOM, STREAM, ZSTD
+from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, ROOM, STREAM, ZSTD, stamps_of
 from runtime.recording.metadata import validate
 from runtime.recording.records import (
     A_CHUNK,
@@ -32,6 +33,7 @@ from runtime.recording.records import (
     AN_INDEX,
     ATTACHMENT,
     CHANNEL,
+    COMPRESSION_AT,
     DAMAGE,
     DATA_END,
     FOOTER,
@@ -46,11 +48,13 @@ from runtime.recording.records import (
 )
 from runtime.recording.zstd_stream import decode, is_torn
 
-CUT = "is incomplete: it was truncated, or is still being recorded"
-COMPLETED = "was truncated, and was completed later up to the cut"
+CUT = "is incomplete: it was truncated"
+UNFINISHED = "is unfinished, and complete up to its last flush: its recorder was killed, or is still recording"
+COMPLETED = "was completed later: its recorder was killed, or it was truncated"
 WINDOW = 2 << 20  # bytes in which the end of messages without a chunk is searched
 DATA = {SCHEMA, CHANNEL, ATTACHMENT, METADATA, DATA_END}  # kinds of records beside chunks and messages
 SUMMARY = KINDS - {HEADER, FOOTER, ATTACHMENT, METADATA, DATA_END, ROOM, STREAM, A_MESSAGE, A_CHUNK, AN_INDEX}
+PADDING = 64  # zeros at the end of a file, after a power cut; messages end with fewer
 HEAD_LIMIT = 128  # bytes of the head of a chunk, and of what a record is recognised by
 MAGIC_MATCHES = len(MAGIC) - 1  # bytes of the first ones of a file that are right
 # begins of records: a chunk, a schema and a channel of a recorder, an attachment, the end of the data, a chunk without
@@ -61,7 +65,12 @@ HEADS = re.compile(
     rb"|\x04.{3}\0{5}.{4}.\0{3}/"
     rb"|\x09.{4}\0{4}.{16}.\0{3}(?:about|diagram|end)\.json"
     rb"|\x0f\x04\0{7}.{4}\x03.{4}\0{4}.{2}.\0{3}tickwork\."
-    rb"|" + b"|".join(map(re.escape, ROOMS.values())) + rb")",
+    rb"|"
+    + b"|".join(
+        re.escape(room[: HEAD.size]) + rb".{20}\0{4}.{4}" + re.escape(room[COMPRESSION_AT:-8]) + rb".{4}\0{4}"
+        for room in ROOMS.values()
+    )
+    + rb")",
     re.DOTALL,
 )
 
@@ -86,6 +95,8 @@ class Scan:
         self.expansion = ExpansionLimit(size)
         self.schemas = {}  # {number: record}
         self.is_cut = False  # in a zstd frame
+        self.is_unfinished = False  # whether the last chunk was not completed, and has all messages of its last flush
+        self.is_damaged = False  # whether messages of a chunk without a head are not those of its checksum
         self.is_over = False  # whether the end of the data was reached
         self.refused = ""  # why the rest of the file is not read
         begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
@@ -93,7 +104,7 @@ class Scan:
         known = at  # end of what is certain: a wrong length leads from a record to a wrong place
         while at and not self.contents.finished:
             progress(at / size)
-            self.good = at
+            self.good = self.at = at
             try:
                 following = self.record(at)
             except TooLarge as error:
@@ -160,6 +171,7 @@ class Scan:
             return None
         kind, length = HEAD.unpack(head)
         end = at + HEAD.size + length
+        self.is_unfinished = False
         if kind == ROOM and length == CHUNK_HEAD.size - HEAD.size:
             return self.unchunked(at, at + CHUNK_HEAD.size)
         if kind == STREAM:
@@ -231,22 +243,47 @@ class Scan:
 
         Returns as `record`.
         """
-        begin = at + CHUNK_HEADS[ZSTD].size
+        head = self.bytes_at(at, CHUNK_HEADS[ZSTD].size)  # before the messages, of a file that is being recorded
+        begin = at + len(head)
         frame = self.bytes_at(begin, CHUNK_LIMIT)
         limit = min(CHUNK_LIMIT, self.expansion.left)
         content, ends, ended = decode(frame, limit)
         if is_padding(frame[ends[-1][0] :]):  # zeros after a power cut, which may begin inside the last block
             content, ends, ended = decode(frame.rstrip(b"\0"), limit)
         self.expansion.left -= len(content)
-        end = begin + ends[-1][0]
+        used, checksum = self.verified(head, content)
+        ended &= used == len(content)
+        end = begin + max(place for place, length in ends if length <= used)
         counts, after = self.indices(end) if ended else ({}, end)
         self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
-        if content:
-            chunk = Chunk(at, begin, end - begin, STREAM_OF_ZSTD, len(content), after, counts, headless=True)
-            self.add(chunk, walked(content))
+        if used:
+            chunk = Chunk(at, begin, end - begin, STREAM_OF_ZSTD, used, after, counts, True, checksum)
+            self.add(chunk, walked(content[:used]))
         if not ended:
-            self.good = end
+            self.good = end if used else at
         return after if ended else None
+
+    def verified(self, head: bytes, content: Any) -> tuple[int, int | None]:
+        """Return (bytes that are used, their checksum) of the messages of a chunk that was not completed.
+
+        The checksum is None for a file of an earlier version, and one that was cut within the messages of the last
+        flush: all are then used, as unverified ones.
+
+        head : of the chunk, in the file
+        content : messages
+        """
+        is_room = head[:1] in (bytes([ROOM]), bytes([STREAM]))
+        stamps, stored = stamps_of(head, ZSTD if head[0] == STREAM else "") if is_room else ([], 0)
+        right = [stamp for stamp in stamps if stamp[0] <= len(content) and zlib.crc32(content[: stamp[0]]) == stamp[1]]
+        is_empty = is_room and self.at + len(head) == self.size
+        self.is_unfinished = right[:1] == stamps[:1] if stamps else is_empty
+        if right and self.is_unfinished:
+            return right[0]
+        rest = self.bytes_at(self.at + len(head), stored) if stamps else b""
+        if not stamps or len(rest) < stored or is_padding(rest[-PADDING:]):
+            return len(content), None
+        self.is_damaged = True
+        return right[0] if right else (0, None)
 
     def unchunked(self, at: int, begin: int) -> int | None:
         """Take messages that are not in a chunk, or in one that the end of the file cuts. Returns as `record`.
@@ -255,6 +292,7 @@ class Scan:
         begin : of the first message
         """
         window, limit = WINDOW, RECORD_LIMIT
+        head = self.bytes_at(at, begin - at)
         while True:
             raw = self.bytes_at(begin, window)
             messages = walked(raw, only_messages=True)
@@ -264,11 +302,15 @@ class Scan:
             window *= 4
         if len(raw) < window and is_padding(raw[messages.end :]):  # it may begin inside the last message
             messages = walked(raw.rstrip(b"\0"), only_messages=True)
-        end = begin + messages.end
-        if not messages.end:
-            return begin if begin > at else None
+        used, checksum = self.verified(head, raw[: messages.end])
+        end = begin + used
+        if not used:
+            return begin if begin > at and not messages.end and not self.is_damaged else None
         counts, after = self.indices(end)
-        self.add(Chunk(at, begin, messages.end, "", messages.end, after, counts, headless=True), messages)
+        self.add(Chunk(at, begin, used, "", used, after, counts, True, checksum), messages.until(used))
+        if used < messages.end or self.is_unfinished and after == end:
+            self.good = end
+            return None
         return after
 
     def indices(self, at: int) -> tuple[dict[int, int], int]:
@@ -305,14 +347,18 @@ class Scan:
         if not contents.finished:
             if self.refused:
                 return f"{path} {self.refused}"
-            if self.is_cut or self.is_torn():
+            if self.is_unfinished:
+                contents.is_unfinished = True
+                return f"{path} {UNFINISHED}"
+            if not self.is_damaged and (self.is_cut or self.is_torn()):
                 return f"{path} {CUT}"
             if self.is_over:
                 return f"{path} is damaged: its summary is not readable from byte {self.good} on; no tick is missing"
             if self.good < self.size:
                 contents.gaps.append((self.good, self.size))
             return ""
-        return "" if contents.end is not None or contents.broken else f"{path} {COMPLETED}"
+        contents.is_unfinished = contents.end is None and not contents.broken
+        return f"{path} {COMPLETED}" if contents.is_unfinished else ""
 
     def is_torn(self) -> bool:
         """Return whether the file ends in the record from which on it is not readable."""

@@ -451,9 +451,9 @@ def test_truncated_file_is_converted_up_to_the_cut_and_reported(command_line, re
     code, out, err = command_line("convert", file, "--to", "csv")
     trial = runtime.load(file)
     assert (
-        code == OK
-        and err.startswith("tickwork: torn.mcap is incomplete: it was truncated, or is still being recorded; its last ")
-        and err.endswith(f" ticks have no checksum, {len(trial)} ticks until {trial.time[-1]:g} s\n")
+        code == CHECK_FAILED
+        and err.startswith(f"tickwork: torn.mcap is incomplete: it was truncated; {trial.unverified} of its ticks are ")
+        and err.endswith(f"not verified by a checksum, {len(trial)} ticks until {trial.time[-1]:g} s\n")
     )
     assert 100 < len(trial) < 200 and not trial.complete
     assert (

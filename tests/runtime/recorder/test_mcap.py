@@ -265,7 +265,9 @@ def unfinished(data):
     """Return the file as it was before the heads of its chunks were written."""
     data = bytearray(data)
     for index in chunks(bytes(data)):
-        room = reserved(index.compression)
+        checksum = int.from_bytes(data[index.chunk_start_offset + 33 :][:4], "little")
+        stamp = (index.uncompressed_size, checksum)
+        room = reserved(index.compression, stamp, stamp, index.compressed_size)
         data[index.chunk_start_offset : index.chunk_start_offset + len(room)] = room
     return bytes(data)
 

@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 import runtime
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.export import convert
+from runtime.recording.mcap_file import CHUNK_HEADS, reserved
 from runtime.recording.records import walk
 from runtime.recording.repair import RepairFailed, finish
 from tests.runtime.recorder.rerun.test_rerun import program
@@ -64,6 +65,20 @@ def content(trial):
     )
 
 
+def killed(data, cut, older=None):
+    """Return a recording of one uncompressed chunk as kill -9 leaves it, with the messages up to a position flushed.
+
+    cut, older : of this flush and of an older one, from the end of the file
+    """
+    [index] = make_reader(io.BytesIO(data)).get_summary().chunk_indexes
+    begin = index.chunk_start_offset + CHUNK_HEADS[""].size
+    cuts = [cut, older or cut]
+    sizes = [max(at for at, _, _ in walk(io.BytesIO(data[begin : len(data) + cut]), 0)) for cut in cuts]
+    newest, first = ((size, zlib.crc32(data[begin : begin + size])) for size in sizes)
+    room = reserved("", newest, first, newest[0])
+    return data[: index.chunk_start_offset] + room + data[begin : begin + newest[0]]
+
+
 def holds(after, before):
     """Whether a repaired file has all that could be read of it before; it may have more, behind a damaged record."""
     series, single = zip(after[:4], before[:4]), zip(after[4:], before[4:])
@@ -102,7 +117,10 @@ def test_a_truncated_file_is_repaired_to_a_file_that_viewers_open(command_line):
     cut.write_bytes(unfinished(cut.read_bytes())[:-2500])
     before, data = runtime.load(cut), cut.read_bytes()
     [path], err = converted(command_line, "leg.mcap", "--to", "mcap")
-    assert err.startswith("tickwork: leg.mcap is incomplete: it was truncated") and cut.read_bytes() == data
+    assert (
+        err.startswith("tickwork: leg.mcap is unfinished, and complete up to its last flush")
+        and cut.read_bytes() == data
+    )
     assert content(runtime.load(path)) == content(before) and not runtime.load(path).complete
     assert [name for name, _, _ in indexed(path)].count("/tickwork/tick") == len(before) > 5
     [same], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
@@ -112,7 +130,7 @@ def test_a_truncated_file_is_repaired_to_a_file_that_viewers_open(command_line):
     assert (
         again == cut
         and cut.read_bytes() == path.read_bytes()
-        and ("was truncated, and was completed later up to the cut") in err
+        and ("was completed later: its recorder was killed, or it was truncated") in err
     )
 
 
@@ -126,9 +144,9 @@ def test_after_kill_9_of_every_process_the_file_can_be_repaired(command_line):
         os.kill(pid, signal.SIGKILL)
     run.communicate()
     before = runtime.load(path)
-    assert len(before) > 100 and not before.complete
+    assert len(before) > 100 and not before.complete and before.unfinished and not before.unverified
     [whole], err = converted(command_line, path, "--to", "mcap")
-    assert "is incomplete: it was truncated" in err and content(runtime.load(whole)) == content(before)
+    assert "is unfinished, and complete up to its last flush" in err and content(runtime.load(whole)) == content(before)
     assert [name for name, _, _ in indexed(whole)].count("/tickwork/tick") == len(before)
     [same], err = converted(command_line, path, "--to", "mcap", "--in-place")
     assert content(runtime.load(same)) == content(before)
@@ -142,7 +160,7 @@ def test_parts_are_joined_to_one_recording(command_line, further):
     """further : ticks that a recorder which was stopped had written, and the next one did too."""
     folder = command_line.folder
     first = part(folder, "cut", range(110 + further), compression="none")
-    first.write_bytes(unfinished(first.read_bytes())[: -700 if further else -2000])
+    first.write_bytes(killed(first.read_bytes(), -9000 if further else -10000))
     last = len(runtime.load(first)) - further
     part(folder, "cut_part2", range(last, 200), number=2)
     part(folder, "cut_part3", range(200, 300), number=3)
@@ -172,7 +190,8 @@ def test_recording_with_empty_first_part_begins_with_second(command_line):
 
 def test_a_damaged_file_is_copied_up_to_the_defect_but_not_completed_in_place(command_line):
     path = part(command_line.folder, "torn", range(100), compression="none")
-    data = unfinished(path.read_bytes())
+    whole = path.read_bytes()
+    data = killed(whole, -5000, 9_000 - len(whole))
     path.write_bytes(data[:10_000] + data[10_005:])
     code, out, err = command_line("convert", "torn.mcap", "--to", "mcap")
     copy = command_line.folder / out.strip()

@@ -124,7 +124,10 @@ def test_damaged_index_does_not_change_what_is_read(path, tmp_path):
     for offset in index.message_index_offsets.values():
         for place, damage in ((8, bytes(1)), (24, b"\xff" * 8), (8, b"\xff" * 40), (24, b"\0" * 7 + b"\x80")):
             trial = runtime.load(changed(path, tmp_path, offset + 15 + place, damage))
-            assert np.array_equal(trial["leg0/block.x1"], whole["leg0/block.x1"]) and trial.complete
+            if trial.path.read_bytes() == path.read_bytes():
+                continue
+            assert np.array_equal(trial["leg0/block.x1"], whole["leg0/block.x1"])
+            assert not trial.complete and " are lost, no tick is missing" in trial.trouble
 
 
 def test_damaged_chunk_is_a_gap_and_what_was_lost_is_reported(path, tmp_path):

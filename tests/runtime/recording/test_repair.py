@@ -377,5 +377,6 @@ def test_truncated_recording_stays_marked_after_repair(tmp_path, short):
     path = tmp_path / "a.mcap"
     mended(path, unfinished(short)[: len(short) // 2])
     trial = runtime.load(path)
-    assert not trial.complete and trial.trouble == f"{path} was truncated, and was completed later up to the cut"
+    told = f"{path} was completed later: its recorder was killed, or it was truncated; {len(trial)} of its ticks are "
+    assert not trial.complete and trial.trouble == told + "not verified by a checksum" and not trial.unfinished
     assert 2 < len(trial) < 30 and np.array_equal(trial.tick, np.arange(len(trial)))
