@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from runtime.optimisation.result import OptimisationResult
     from runtime.report.check import Report
     from runtime.session.connected import ConnectedRobot
-    from runtime.session.simulate import SimulatedRun
+    from runtime.session.simulate import SimulatedLoop, SimulatedRun
     from runtime.studies.result import StudyResult
 else:
 
@@ -192,7 +192,7 @@ def connect(
     fast: bool = True,
     loop_timeout: float = 0.1,
     **options: Any,
-) -> ConnectedRobot | SimulatedRun:
+) -> ConnectedRobot | SimulatedLoop:
     """Arm a robot for a loop of one's own, which runs between its ticks.
 
         with runtime.connect("robot.py", rig="lab.toml") as robot:
@@ -220,8 +220,8 @@ def connect(
     loop_timeout : s that one pass of the loop may take in real time
     options : further options of the command in real time, as of `run`: yes=True, record="trials"
 
-    Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedRun with
-    the same methods. Iteration raises runtime.base.errors.RunFault after a fault. Raises BadInput.
+    Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedLoop with
+    the same names. Iteration raises runtime.base.errors.RunFault after a fault. Raises BadInput.
     """
     if fast and rig is None:
         if options:
@@ -232,9 +232,9 @@ def connect(
             check_names(options)
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
         with _WholeImports():
-            from runtime.session.simulate import SimulatedRun
+            from runtime.session.simulate import SimulatedLoop
 
-        return SimulatedRun(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
+        return SimulatedLoop(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
     with _WholeImports():
         from runtime.session.connected import ConnectedRobot
         from runtime.session.own_process import process_of

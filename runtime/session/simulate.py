@@ -162,16 +162,16 @@ class SimulatedRun:
     def advance(self, ticks: int) -> None:
         """Advance the run by a number of ticks. A fault ends it."""
         with self._alone():
-            last, going = self.tick + ticks, True
+            last, going = self._done + ticks, True
             while going:
-                room = (1 + len(self._full)) * len(self._rows) - self.tick
-                if room == 0 and self.tick < last:
+                room = (1 + len(self._full)) * len(self._rows) - self._done
+                if room == 0 and self._done < last:
                     if self._keep_rows:
-                        check_memory(self.tick + ROWS, self._rows.shape[1])
+                        check_memory(self._done + ROWS, self._rows.shape[1])
                     self._full.append(self._rows[: len(self._rows) * self._keep_rows].copy())
                     continue
-                going = self._executor.advance(min(last - self.tick, room))
-                if going and self.tick == last:
+                going = self._executor.advance(min(last - self._done, room))
+                if going and self._done == last:
                     return
                 if not going and (number := self._executor.signal):
                     signal.raise_signal(number)  # has its usual effect now
@@ -217,7 +217,7 @@ class SimulatedRun:
         columns : indices of `columns`
         ticks : number of ticks that were done, at most ROWS
         """
-        rows = np.arange(self.tick - ticks, self.tick) % len(self._rows)
+        rows = np.arange(self._done - ticks, self._done) % len(self._rows)
         return self._rows[rows][:, [2 + column for column in columns]]
 
     @property
@@ -260,7 +260,7 @@ class SimulatedRun:
             raise BadInput(f"{error}; nothing was changed") from None
         for (parameter, number), before in zip(found, values_before):
             event = {"event": "set", "path": parameter.path, "value": parameter.plain(number)}
-            event |= {"from": parameter.plain(before), "tick": self.tick, "by": "step"}
+            event |= {"from": parameter.plain(before), "tick": self._done, "by": "step"}
             self._events.append(event | ({"slew": parameter.slew} if math.isfinite(parameter.slew) else {}))
 
     def mark(self) -> None:
@@ -268,14 +268,14 @@ class SimulatedRun:
         if self._trial is not None:
             raise BadInput(ENDED)
         number = 1 + sum(event["event"] == "mark" for event in self._events)
-        self._events.append({"event": "mark", "number": number, "tick": self.tick, "by": "step"})
+        self._events.append({"event": "mark", "number": number, "tick": self._done, "by": "step"})
 
     def __iter__(self) -> Iterator[int]:
         """Yield each tick after it was done, up to the end of the run, which leaving the loop is. Raises RunFault."""
         try:
-            while self._trial is None and (self.ticks < 0 or self.tick < self.ticks):
+            while self._trial is None and (self.ticks < 0 or self._done < self.ticks):
                 self.step()
-                yield self.tick - 1
+                yield self._done - 1
         finally:
             self.close()
 
@@ -284,9 +284,13 @@ class SimulatedRun:
         return parse(describe(self._schedule)[1])
 
     @property
+    def _done(self) -> int:
+        return self._executor.rows
+
+    @property
     def tick(self) -> int:
         """Number of ticks done."""
-        return self._executor.rows
+        return self._done
 
     @property
     def rate(self) -> float:
@@ -296,7 +300,7 @@ class SimulatedRun:
     @property
     def time(self) -> float:
         """Time of the next tick in s."""
-        return self.tick / self.rate
+        return self._done / self.rate
 
     @property
     def state(self) -> str:
@@ -349,7 +353,7 @@ class SimulatedRun:
         )
         if outcome.faulted:
             result.report += explain(result)
-        rest = self._rows[: self.tick - len(self._full) * len(self._rows)]
+        rest = self._rows[: self._done - len(self._full) * len(self._rows)]
         rows = np.concatenate([*self._full, rest]) if self._full else rest
         self._full = []
         return trial_of(result, rows, self._events, keep=self._file.given is not None)
@@ -370,4 +374,23 @@ class SimulatedRun:
     def __repr__(self) -> str:
         fault = "" if self.fault is None else f", fault: {self.fault['status']}"
         state = "running" if self._trial is None else f"ended{fault}"
-        return f"<SimulatedRun {self._schedule.name}: {self.tick} ticks at {self.rate:g} Hz, {state}>"
+        return f"<SimulatedRun {self._schedule.name}: {self._done} ticks at {self.rate:g} Hz, {state}>"
+
+
+class SimulatedLoop(SimulatedRun):
+    """Run in virtual time whose ticks a program follows, as those of a ConnectedRobot.
+
+    missed : number of ticks that the loop did not see, always 0
+    """
+
+    missed = 0
+
+    @property
+    def tick(self) -> int:
+        """Newest tick, -1 before the first."""
+        return self._done - 1
+
+    @property
+    def time(self) -> float:
+        """Time of the newest tick in s."""
+        return self.tick / self.rate

@@ -15,6 +15,7 @@ import runtime
 from runtime.base.errors import BadInput, RunFault
 from runtime.live.running import page_of
 from runtime.session import own_process
+from runtime.session.connected import ConnectedRobot
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, write
 from tests.runtime.session.test_own_process import sent
@@ -84,6 +85,15 @@ def test_same_loop_runs_in_virtual_time():
     command = np.clip(-20.0 * (position[:-1] - 0.1), -5.0, 5.0)
     np.testing.assert_allclose(trial["left_torque.y"][1:], command, atol=1e-12)
     assert position.max() > 0.1
+
+
+@pytest.mark.parametrize("fast", [True, pytest.param(False, marks=paced)])
+def test_tick_time_and_missed_ticks_of_the_loop_are_those_of_real_time(fast):
+    with runtime.connect("robot.py", fast=fast, duration=0.1) as robot:
+        for tick in robot:
+            assert robot.tick == tick and robot.time == tick / robot.rate and robot.missed >= 0
+    public = {name for name in dir(ConnectedRobot) if not name.startswith("_")}
+    assert public | {"missed"} <= set(dir(robot)) and robot.trial.tick[-1] == 19
 
 
 def test_break_ends_the_simulation_and_marks_are_in_the_trial():
