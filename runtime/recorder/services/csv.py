@@ -42,6 +42,7 @@ class CsvWriter(Service):
         self.last: tuple[list[Any], bytes] | None = None  # cells and line of the last row, for events that follow it
         self.columns = [column["index"] for column in columns]
         self.whole = [column["dtype"] != "float" for column in columns]
+        self.header = header(columns, delimiter, names, self.events is not None)
         self.file: Any = None
         if self.plan["folder"] is None:
             return
@@ -51,7 +52,6 @@ class CsvWriter(Service):
         self.file = WholeFile(*create(stem, ".csv", replaces), self.durable)
         claim(self.file.descriptor)  # so that no other recorder replaces it
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
-        self.header = header(columns, delimiter, names, self.events is not None)
         if not replaces:
             self.start()
 
@@ -222,8 +222,12 @@ def header(
         names.append(
             (own or {}).get(index) or (column["path"] if unit in WITHOUT_UNIT else f"{column['path']} [{unit}]")
         )
+    names += ["events"] * events
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise BadInput(f"names: {twice[0]!r} is the name of more than one column: give each its own")
     line = io.StringIO()
-    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow([*names, *["events"] * events])
+    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(names)
     return line.getvalue()
 
 

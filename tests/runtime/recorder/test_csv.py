@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import resource
 import struct
 import subprocess
@@ -153,6 +154,14 @@ def test_name_for_a_signal_that_is_not_recorded_is_refused(tmp_path):
     plans = plan(tmp_path, sink(CSV, "csv_recorder", signals, names={"left/knee.positon": "angle"}))
     with pytest.raises(RecorderError, match="names: 'left/knee.positon' is not a recorded signal; did you mean"):
         record(plans, [row(0, 1.0)])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("names", [{"a.x": "b", "a.y": "b"}, {"a.x": "tick"}, {"a.x": "a.y [m]"}])
+def test_one_name_for_two_columns_is_refused(tmp_path, names):
+    plans = plan(tmp_path, sink(CSV, "csv_recorder", columns("a.x m", "a.y m"), names=names))
+    with pytest.raises(RecorderError, match=f"names: '{re.escape(names['a.x'])}' is the name of more than one column"):
+        record(plans, [row(0, 1.0, 2.0)])
     assert list(tmp_path.iterdir()) == []
 
 
