@@ -180,8 +180,9 @@ def split(name: str) -> tuple[str, str]:
 
 
 def without_vendor(name: str) -> str:
-    """Return a name without the vendor's: 'CubeMars AK80-9' and 'T-Motor AK80-9' give 'AK80-9'."""
-    return re.sub(r"^\s*(cube\s*mars|t[\s_-]?motor)[\s_-]*(?=\w)", "", str(name), flags=re.IGNORECASE)
+    """Return a name without the vendor's and brackets: 'CubeMars AK80-9 (V3)' gives 'AK80-9 V3'."""
+    open_name = re.sub(r"[()\[\]]", "", str(name))
+    return re.sub(r"^\s*(cube\s*mars|t[\s_-]?motor)[\s_-]*(?=\w)", "", open_name, flags=re.IGNORECASE)
 
 
 def spelt(name: str) -> str:

@@ -19,6 +19,8 @@ from runtime.diagrams.overrides import restore, set_block_parameters
         ("AK80-9-MIT", CubeMars, "AK80-9"),
         ("AK10-9 V3.0", CubeMarsV3, "AK10-9-V3.0"),
         ("AKE60-8", CubeMarsV3, "AKE60-8"),
+        ("AK80-9 (V3)", CubeMarsV3, "AK80-9-V3.0"),
+        ("CubeMars AK10-9 [V2.0]", CubeMars, "AK10-9-V2.0"),
         ("AK80-9-servo", CubeMarsServo, "AK80-9"),
         ("AK80-9 V3 (servo mode)", CubeMarsServo, "AK80-9-V3.0"),
         ("RS02", RobStride, "RS02"),
