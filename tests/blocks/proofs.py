@@ -3,6 +3,8 @@ numbers too.
 """
 
 import math
+import random
+import sys
 
 import numpy as np
 from hypothesis import strategies as st
@@ -22,10 +24,26 @@ def intervals(draw, numbers=anything | sensible):
     return Interval(min(a, b), max(a, b))
 
 
-def inside(interval):
-    """Numbers of an interval, its ends and zeros of both signs among them."""
-    some = [interval.low, interval.high] + [zero for zero in (0.0, -0.0) if 0.0 in interval]
-    return st.sampled_from(some) | st.floats(interval.low, interval.high, allow_nan=False)
+def inside(interval, dice):
+    """A number of an interval: an end, the one next to it, a zero, or one between of any magnitude.
+
+    dice : a random.Random, since an example of Hypothesis costs a hundred times as much
+    """
+    low, high = max(interval.low, -sys.float_info.max), min(interval.high, sys.float_info.max)
+    share = dice.random()
+    chosen = dice.choice(
+        (
+            interval.low,
+            interval.high,
+            math.nextafter(interval.low, math.inf),
+            math.nextafter(interval.high, -math.inf),
+            dice.choice((0.0, -0.0)),
+            dice.choice((1.0, -1.0)) * 10.0 ** dice.uniform(-323.0, 308.0),
+            dice.uniform(-10.0, 10.0),
+            low * (1.0 - share) + high * share,
+        )
+    )
+    return chosen if chosen in interval else dice.choice((interval.low, interval.high))
 
 
 def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, ticks=1, shapes=((), (3,))):
@@ -37,13 +55,12 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
     given = {name: draw_interval(data, port, numbers) for name, port in block.inputs.items()}
     found = block.output_range(**given)
     stated = {name: range_of(block, name, found) for name in block.outputs}
-    tick = st.fixed_dictionaries(
-        {
-            name: values_of(port, given[name], shape if port.shape is ... else port.shape, nan)
+    dice = random.Random(data.draw(st.integers(0, 1 << 32), label="seed"))
+    for _ in range(ticks):
+        values = {
+            name: value_of(port, given[name], shape if port.shape is ... else port.shape, nan, dice)
             for name, port in block.inputs.items()
         }
-    )
-    for values in data.draw(st.lists(tick, min_size=ticks, max_size=ticks)):
         results = block.step(**values)
         if block.update_kernel is not None:
             block.update(**values)
@@ -62,16 +79,17 @@ def draw_interval(data, port, numbers):
     return interval
 
 
-def values_of(port, interval, shape, nan):
-    """Strategy of an input's values: floats, or arrays of a shape. nan : whether NaN is among them"""
-    whole = port.dtype in ("bool", "int")
-    one = st.integers(int(interval.low), int(interval.high)).map(float) if whole else inside(interval)
-    if nan:
-        one = one | st.just(math.nan)
-    if not shape:
-        return one
-    size = size_of(shape)
-    return st.lists(one, min_size=size, max_size=size).map(lambda elements: np.array(elements).reshape(shape))
+def value_of(port, interval, shape, nan, dice):
+    """A value of an input: a float, or an array of a shape. nan : whether NaN is among them"""
+
+    def one():
+        if nan and dice.random() < 0.2:
+            return math.nan
+        if port.dtype in ("bool", "int"):
+            return float(dice.randint(int(interval.low), int(interval.high)))
+        return inside(interval, dice)
+
+    return np.array([one() for _ in range(size_of(shape))]).reshape(shape) if shape else one()
 
 
 def ulps(a, b):

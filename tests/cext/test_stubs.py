@@ -1,6 +1,7 @@
 """The stubs of the native modules are fresh, and agree with the compiled modules."""
 
 import ast
+import functools
 import importlib
 import inspect
 
@@ -9,6 +10,12 @@ import pytest
 from cext.stubs import module_name, sources, stub
 
 SOURCES = {module_name(path): path for path in sources()}
+
+
+@functools.cache
+def expected(name):
+    """The text of the stub of a module."""
+    return stub(SOURCES[name])
 
 
 def callables(nodes, owner):
@@ -27,12 +34,12 @@ def callables(nodes, owner):
 def test_stub_of_native_module_is_fresh(name):
     path = SOURCES[name].with_suffix(".pyi")
     text = path.read_text() if path.exists() else ""
-    assert text == stub(SOURCES[name]), "run `make stubs`"
+    assert text == expected(name), "run `make stubs`"
 
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_stub_names_the_parameters_of_the_compiled_functions(name):
-    tree = ast.parse(stub(SOURCES[name]))
+    tree = ast.parse(expected(name))
     for function, parameters, compiled in callables(tree.body, importlib.import_module(name)):
         assert parameters == list(inspect.signature(compiled).parameters), function
 
@@ -45,5 +52,5 @@ def test_stub_has_every_public_function_and_class_of_the_module(name):
         for each, value in vars(module).items()
         if not each.startswith("_") and getattr(value, "__module__", None) == name and callable(value)
     }
-    nodes = ast.parse(stub(SOURCES[name])).body
+    nodes = ast.parse(expected(name)).body
     assert {node.name for node in nodes if isinstance(node, (ast.ClassDef, ast.FunctionDef))} == own

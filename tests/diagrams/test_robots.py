@@ -123,7 +123,13 @@ def test_robot_assists_with_other_actuators(robot, chosen):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_silent_device_ends_the_run_safely(robot):
-    for device in [block.path for block in load(path(robot))[1] if isinstance(block, Device)]:
+    """Each device of a leg, in one of the legs in turn: both are made by the same function."""
+    devices = {}
+    for block in load(path(robot))[1]:
+        if isinstance(block, Device):
+            devices.setdefault(block.path.rpartition("/")[2], []).append(block.path)
+    for number, places in enumerate(devices.values()):
+        device = places[number % len(places)]
         file, diagram = load(path(robot))
         plant = build_plant(file, diagram)
         with plant:

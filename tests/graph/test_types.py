@@ -36,10 +36,10 @@ def test_every_package_is_marked_as_typed():
 
 
 @pytest.fixture(scope="module", params=CHECKERS)
-def errors(request, tmp_path_factory):
+def errors(request):
     """(path, line) of every error that a type checker reports in the user's file and the robots of this tree."""
     pytest.importorskip(request.param)
-    cache = ["--cache-dir", str(tmp_path_factory.mktemp("cache"))] if request.param == "mypy" else []
+    cache = ["--cache-dir", ROOT / "build" / "mypy"] if request.param == "mypy" else []
     command = [sys.executable, "-m", request.param, *CHECKERS[request.param], *cache, USER, *ROBOTS]
     process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert process.returncode == 1, process.stdout + process.stderr

@@ -48,13 +48,13 @@ def robot_with(count, out=()):
     return robot
 
 
-def run(out=(), silent=None):
+def run(ticks, out=(), silent=None):
     with Diagram("plant", rate=RATE) as plant:
         drives = Drives(silent)
     rig = Rig(robot_with(LIMIT, out), plant, page=1 << 26, record=False)
     assert [device.name for device in rig.schedule.devices] == [f"drive{number:04}" for number in range(LIMIT)]
     drives.ends = [bus.device for bus in rig.buses.values()]
-    return rig, rig.executor.run(20, fade=0.0)
+    return rig, rig.executor.run(ticks, fade=0.0)
 
 
 def test_one_drive_more_is_refused():
@@ -64,12 +64,12 @@ def test_one_drive_more_is_refused():
 
 
 def test_drives_that_are_taken_out_are_shown_under_their_numbers():
-    rig, outcome = run(OUT)
+    rig, outcome = run(4, OUT)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ())
     assert rig.page.out == sum(1 << number for number in OUT)
     assert SharedState(fd=rig.page.fd).out == rig.page.out, "and so the guardian sees them"
 
 
 def test_a_drive_that_falls_silent_is_named():
-    _, outcome = run(silent=SILENT)
+    _, outcome = run(20, silent=SILENT)
     assert (outcome.status, outcome.culprit, outcome.unconfirmed) == ("silent", "drive0065", ("drive0065",))
