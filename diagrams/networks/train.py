@@ -21,6 +21,7 @@ import numpy as np
 
 from diagrams.networks import export
 from diagrams.networks.trials import RATE, trial
+from runtime.base.replaced_file import write
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")  # sums in the same order everywhere
 
@@ -134,7 +135,7 @@ def main(names: Sequence[str]) -> None:
         begin = time.monotonic()
         layers, metadata = train(legs, *NETWORKS[name])
         path = Path(__file__).with_name(f"{name}.onnx")
-        path.write_bytes(export.model(layers, DILATIONS, metadata).SerializeToString())
+        write(path, export.model(layers, DILATIONS, metadata).SerializeToString())
         print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB, {time.monotonic() - begin:.0f} s", flush=True)
 
 

@@ -1,8 +1,10 @@
 """`profile FILE`: run a diagram and print where the time of a tick goes."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+from runtime.cli import drawing
 from runtime.cli.parsing import Parser, add_options, instance
 from runtime.cli.run import carried_out, profiled
 from runtime.console.terminal import print_lines
@@ -20,10 +22,12 @@ def main(arguments: Sequence[str]) -> int:
         "-o", "--output", type=Path, metavar="NAME", help="picture file (default: the diagram's name with _profile.png)"
     )
     options = parser.parse_args(arguments)
+    drawing.check(options.output)
     result = carried_out(instance(Request, options, no_record=True, profile=True))
     print_lines(summary.summary(result))
     print_lines(profiled(result))
     if result.outcome.signal:  # end at once: drawing takes a second
         return summary.exit_code(result.outcome)
-    print_lines([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
+    output = options.output or Path(f"{options.file.stem}_profile.png")
+    print_lines([f"picture: {drawing.write(partial(picture, result), output, '')}"])
     return summary.exit_code(result.outcome)

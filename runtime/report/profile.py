@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from runtime.base.errors import BadInput
 from runtime.report.timing import details
 
 if TYPE_CHECKING:
@@ -77,10 +75,10 @@ def short(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
-def picture(result: RunResult, file: Path) -> Path:
-    """Write a PNG with each block's share of the tick and its median, p99 and maximum time per call.
+def picture(result: RunResult, file: BinaryIO, kind: str) -> None:
+    """Draw each block's share of the tick and its median, p99 and maximum time per call.
 
-    Returns its path. Raises BadInput if the file cannot be written.
+    kind : "png" or "svg"
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -100,8 +98,8 @@ def picture(result: RunResult, file: Path) -> Path:
     shares.set_yticks(places, [row["name"] for row in rows], fontsize=8)
     shares.set_ylim(len(rows) - 0.4, -0.6)
     shares.set_xlabel("share of the tick, %")
-    for kind in dict.fromkeys(kinds):
-        shares.barh(0, 0, color=COLOURS[kind], label=kind)
+    for group in dict.fromkeys(kinds):
+        shares.barh(0, 0, color=COLOURS[group], label=group)
     shares.legend(loc="lower right", fontsize=8)
     calls.hlines(
         places, [1e6 * row["p50"] for row in rows], [1e6 * row["max"] for row in rows], color="#c5c9cf", linewidth=1.2
@@ -120,11 +118,7 @@ def picture(result: RunResult, file: Path) -> Path:
     ticks = max(1, result.statistics["ticks"])
     a_tick = short(result.statistics["busy"] / ticks)
     figure.suptitle(f"{result.schedule.name}: {ticks} ticks of {a_tick} at {result.schedule.rate:g} Hz", fontsize=11)
-    try:
-        figure.savefig(file, dpi=120)
-    except OSError as error:
-        raise BadInput(f"cannot write {file}: {error.strerror or error}") from None
-    return Path(file)
+    figure.savefig(file, format=kind, dpi=120)
 
 
 def _kind_of(row: Mapping[str, Any]) -> str:

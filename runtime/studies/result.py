@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -110,14 +110,14 @@ class StudyResult:
         """Return the table as a pandas DataFrame. Raises MissingExtra."""
         return need("pandas", PURPOSE).DataFrame(self.columns)
 
-    def write(self, path: Path, identity: dict[str, Any]) -> None:
+    def write(self, file: BinaryIO, identity: dict[str, Any]) -> None:
         """Write the Parquet file. identity : the description, which becomes metadata of the file"""
         arrow, parquet = need("pyarrow", PURPOSE), need("pyarrow.parquet", PURPOSE)
         types = dict.fromkeys(self.study.objectives, arrow.float64())
         types |= {"trial": arrow.int64(), "ticks": arrow.int64(), "fault": arrow.string(), "error": arrow.string()}
         arrays = [arrow.array(_alike(values), types.get(name)) for name, values in self.columns.items()]
         table = arrow.Table.from_arrays(arrays, names=self.names)
-        parquet.write_table(table.replace_schema_metadata({ABOUT: json.dumps(identity)}), path, compression="zstd")
+        parquet.write_table(table.replace_schema_metadata({ABOUT: json.dumps(identity)}), file, compression="zstd")
 
     def _repr_html_(self) -> str:
         lines = "\n".join(self.summary())

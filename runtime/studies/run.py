@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.base.replaced_file import replaced
 from runtime.console.progress import Progress
 from runtime.console.styles import count
 from runtime.studies.cluster import Cluster
@@ -73,9 +74,11 @@ def calculate(
     try:
         with _engine(study, workers, dask) as engine:
             calculated = result(engine, dict(journal.rows), journal)
-        temporary = output.with_name(f".{output.name}.new")
-        calculated.write(temporary, identity)
-        os.replace(temporary, output)
+        try:
+            with replaced(output) as file:
+                calculated.write(file, identity)
+        except OSError as error:
+            raise BadInput(f"cannot write {output}: {error.strerror or error}; {path} has the trials") from None
         journal.remove()
     finally:
         journal.close()
