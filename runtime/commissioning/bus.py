@@ -60,11 +60,7 @@ class ToolBus:
             self.lock = BusLock(bus.interface, bus.channel)
         except BusTaken as taken:
             raise Refused(
-                RigProblem(
-                    "TW106",
-                    f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
-                    "end that process first: a bus has one controller",
-                )
+                RigProblem("TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}", taken.remedy)
             ) from None
         try:
             self.wire = self.open(bus, machine or Machine())

@@ -10,7 +10,7 @@ The plan, a runtime.guardian.plan_types.Plan, is sent as JSON:
     buses       interfaces of CAN buses
     devices     frames of the safe stop, and the replies that confirm it
     relays      charge pumps, which the guardian holds while it damps a joint
-    locks       file descriptors of the locks of its buses
+    locks       of its buses, and connections to the processes from which the run has taken them over
     items       names of what a tick can hang in, by the numbers that the loop's watchdog writes to the shared state
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
@@ -38,7 +38,8 @@ from runtime.base.child_process import ChildProcess
 from runtime.base.descriptors import Descriptors, SpareDescriptors
 from runtime.console.terminal import print_over_status
 from runtime.guardian import control_group
-from runtime.guardian.lock import Visitors
+from runtime.guardian.handover import Handover
+from runtime.guardian.lock import name_of
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, replies_of
 from runtime.guardian.wires import SHARED, CannotOpen, Wire, open_wire
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
         PlanBus,
         PlanDamp,
         PlanField,
+        PlanLock,
         PlanRelay,
         PlanReply,
         StopReport,
@@ -108,19 +110,21 @@ class GuardianProcess(ChildProcess):
             *([bell] if bell >= 0 else ()),
             *([lines.fd] if lines is not None else ()),
             *(lock.fileno() for lock in locks),
+            *(lock.handover.fileno() for lock in locks if lock.handover is not None),
             *lines_of_relays,
         )
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted: list[str] = []
         self._group: str | None = None
-        self._locks = [lock.fileno() for lock in locks]
+        self._locks = locks
         self._plan: Plan | None = None
         self._spare: SpareDescriptors | None = None
         self._wires: dict[int, Wire] = {}  # for `take_over`, by the index of the bus
 
     def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
-        plan = {**plan, "locks": self._locks}
+        places = {name_of(bus["interface"], bus["channel"]): index for index, bus in enumerate(plan["buses"])}
+        plan = {**plan, "locks": [_lock(lock, places.get(lock.name)) for lock in self._locks]}
         self._plan = plan
         answer: dict[str, Any] | None
         try:
@@ -136,6 +140,10 @@ class GuardianProcess(ChildProcess):
                 f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {})
             )
         self.granted, self._group = answer["granted"], answer["group"]
+        for lock in self._locks:
+            if lock.handover is not None:  # the guardian has it
+                lock.handover.close()
+                lock.handover = None
         for module in answer["modules"]:
             with suppress(Exception):  # the guardian has imported it
                 import_module(module)
@@ -215,12 +223,14 @@ class GuardianProcess(ChildProcess):
             control_group.remove(self._group)
         return _ending(self._child.returncode)
 
-    def take_over(self, lasts: float, ended: Callable[[], bool]) -> tuple[str, dict[str, str], StopReport]:
+    def take_over(
+        self, lasts: float, ended: Callable[[], bool], leave: Callable[[], object]
+    ) -> tuple[str, dict[str, str], StopReport]:
         """Open every bus and stop the actuators, if the guardian does not respond.
 
         Actuators that have not confirmed after STOP_LIMIT are reported on standard error, and get the frames at a
-        falling rate for `lasts` s, until the operator ends that or another process wants a bus. ended : whether the
-        operator does
+        falling rate for `lasts` s, until the operator ends that or another run has taken over their buses. ended :
+        whether the operator does; leave : function that closes all other interfaces then
 
         Returns (how the guardian ended, {bus: reason it could not be opened}, report of the stop).
         """
@@ -245,17 +255,20 @@ class GuardianProcess(ChildProcess):
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
                 wire.listen(replies_of(devices, index))
-        drained, visitors, reported, open_again = stop.began, Visitors(self._locks), False, 0
+        drained, handover, reported, open_again = stop.began, Handover(self._plan["locks"]), False, 0
         while not stop.over:
             now = time.monotonic_ns()
             stop.step(now)
             if stop.is_due(now) and not stop.over:
                 if not reported:
                     reported = True
-                    visitors.came()  # earlier ones found the bus taken
                     print_over_status(goes_on_in_words(stop.waiting))
-                elif ended() or visitors.came():
+                    leave()
+                    handover.begin()
+                elif ended():
                     break
+                for line in handover.step(stop, self._close_wire):
+                    print_over_status(line)
                 if now >= open_again:
                     open_again = now + STOP_ROUND_MAXIMUM
                     self._open_again(stop, self._plan["buses"])
@@ -266,10 +279,16 @@ class GuardianProcess(ChildProcess):
                     if arrival >= stop.began:  # a wire that was open before has frames of the run
                         stop.receive(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
-        visitors.close()
+        handover.close()
         for index in self._wires:
             problems.pop(self._plan["buses"][index]["name"], None)
         return self.kill(), problems, stop.report()
+
+    def _close_wire(self, index):
+        """Close the interface of a bus, which another run opens."""
+        if index in self._wires:
+            self._wires[index].close()
+            self._wires[index] = Wire()
 
     def _open_again(self, stop, buses):
         """Open the interfaces again over which a safe stop cannot send. buses : of the plan"""
@@ -281,6 +300,16 @@ class GuardianProcess(ChildProcess):
                 self._wires[index] = again
                 if buses[index]["line"] is None:
                     again.listen(replies_of(stop.stopped.values(), index))
+
+
+def _lock(lock: BusLock, bus: int | None) -> PlanLock:
+    """Return a lock for the plan. bus : index of its CAN bus, else None"""
+    return {
+        "descriptor": lock.fileno(),
+        "name": lock.name.decode(),
+        "bus": bus,
+        "handover": -1 if lock.handover is None else lock.handover.fileno(),
+    }
 
 
 def goes_on_in_words(names: Sequence[str]) -> str:
@@ -381,15 +410,15 @@ def _encoded_field(field: ReplyField | None) -> PlanField | None:
 def _encoded_replies(frames) -> list[EncodedReply]:
     """Convert the frames of a graph.ReplyField for the plan."""
     return [
-        (_with_flags(identifier, extended), mask | FLAGS, first.hex()) for identifier, mask, extended, first in frames
+        (with_flags(identifier, extended), mask | FLAGS, first.hex()) for identifier, mask, extended, first in frames
     ]
 
 
 def _encoded_frames(frames) -> list[EncodedFrame]:
     """Convert frames (arbitration id, is extended, data) for the plan."""
-    return [(_with_flags(identifier, extended), bytes(data).hex()) for identifier, extended, data in frames]
+    return [(with_flags(identifier, extended), bytes(data).hex()) for identifier, extended, data in frames]
 
 
-def _with_flags(identifier: int, extended: bool) -> int:
+def with_flags(identifier: int, extended: bool) -> int:
     """Return an arbitration id with the flag bits of struct can_frame."""
     return identifier | 0x80000000 * extended

@@ -10,18 +10,16 @@ import errno
 import os
 import pwd
 import socket
-import struct
 import time
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
+from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT, STOP_ORPHANED
+from runtime.guardian.handover import Offer, peer_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Sequence
 
 NAME_BYTES = 80  # limit; the system allows 107
-CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
 
 
 class BusTaken(Exception):
@@ -29,11 +27,20 @@ class BusTaken(Exception):
 
     pid : ID of the process, 0 if unknown
     user : ID of its account, None if unknown
-    owner : process and account as text
+    drives : names of those whose safe stop the process continues after the end of its run
+
+    owner : process and account as text; remedy : what the operator can do
     """
 
-    def __init__(self, pid: int, user: int | None = None) -> None:
+    def __init__(self, pid: int, user: int | None = None, drives: Sequence[str] = ()) -> None:
         self.pid, self.user, self.owner = pid, user, in_words(pid, user)
+        self.remedy = "end that process first: a bus has one controller"
+        if drives:
+            self.owner += f", whose run has ended and whose stop of {', '.join(drives)} continues"
+            self.remedy = (
+                "a run whose diagram has these drives takes the bus over; otherwise end that stop with Ctrl-C, or, "
+                f"where the control process has died, wait {STOP_ORPHANED} s"
+            )
         super().__init__(f"controlled by {self.owner}")
 
 
@@ -41,10 +48,15 @@ class BusLock:
     """Exclusive right to command a bus, from construction until `close`. Raises BusTaken.
 
     interface, channel : names of python-can
+    identifiers : with flag bits, of the stop frames of a run, which takes the bus over from a safe stop that continues
+        if it has all of its drives; None for another process
+
+    name : of the lock; handover : connection to the process of that stop, or None
     """
 
-    def __init__(self, interface: str, channel: str) -> None:
-        name = name_of(interface, channel)
+    def __init__(self, interface: str, channel: str, identifiers: Collection[int] | None = None) -> None:
+        self.name = name = name_of(interface, channel)
+        self.handover: socket.socket | None = None
         deadline = time.monotonic() + BUS_LOCK_RELEASE_LIMIT * 1e-9
         while True:
             self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -56,6 +68,14 @@ class BusLock:
                 self.socket.close()
                 if error.errno != errno.EADDRINUSE:
                     raise
+            offer = _offer_of(name)
+            if offer is not None:
+                if identifiers is not None and offer.identifiers <= set(identifiers):
+                    self.socket, self.handover = offer.accept()
+                    return
+                owner = _holder(name) or peer_of(offer.link)
+                offer.decline()
+                raise BusTaken(*owner, offer.drives)
             owner = _holder(name)
             if owner is not None and (_is_alive(owner[0]) or time.monotonic() > deadline):
                 raise BusTaken(*owner)
@@ -68,32 +88,16 @@ class BusLock:
     def close(self) -> None:
         """Release the bus, unless another process has inherited the lock."""
         self.socket.close()
+        if self.handover is not None:
+            self.handover.close()
 
 
-class Visitors:
-    """Processes that have connected to the locks of buses since the last look: each wants to take one.
-
-    descriptors : of the locks
-    """
-
-    def __init__(self, descriptors: Iterable[int]) -> None:
-        self.sockets = [socket.socket(fileno=os.dup(descriptor)) for descriptor in descriptors]
-
-    def came(self) -> bool:
-        """Return whether one has connected, and dismiss all of them."""
-        came = False
-        for lock in self.sockets:
-            with suppress(BlockingIOError):
-                lock.setblocking(False)
-                while True:
-                    lock.accept()[0].close()
-                    came = True
-        return came
-
-    def close(self) -> None:
-        """Close the descriptors of this object; the locks remain."""
-        for lock in self.sockets:
-            lock.close()
+def _offer_of(name: bytes) -> Offer | None:
+    """Return the offer of a process whose safe stop continues, None if there is none."""
+    try:
+        return Offer(name)
+    except OSError:
+        return None
 
 
 def name_of(interface: str, channel: str) -> bytes:
@@ -117,7 +121,7 @@ def _holder(name: bytes) -> tuple[int, int | None] | None:
             return None
         except OSError:
             return 0, None
-        return CREDENTIALS.unpack(visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[:2]
+        return peer_of(visitor)
 
 
 def _is_alive(pid: int) -> bool:

@@ -22,6 +22,18 @@ class PlanBus(TypedDict):
     line: int | None
 
 
+class PlanLock(TypedDict):
+    """Lock of a bus: its file descriptor and name; the index of a CAN bus in the plan, else None.
+
+    `handover` is the connection to the process from which the run has taken the bus over, else -1.
+    """
+
+    descriptor: int
+    name: str
+    bus: int | None
+    handover: int
+
+
 class PlanField(TypedDict):
     """Field of replies: the fields of graph.ReplyField."""
 
@@ -87,7 +99,7 @@ class Plan(TypedDict):
     buses: list[PlanBus]
     devices: list[PlanDevice]
     relays: list[PlanRelay]
-    locks: list[int]
+    locks: list[PlanLock]
     items: list[str]
     limit: float
     priority: int | None

@@ -8,9 +8,11 @@
                 that have not after 200 ms are reported, and get the frames at a falling rate; an interface that was
                 lost is opened again. The control process orders the same for actuators that its own stop has left
     carry       frames between the rings and its interfaces; behind the fence only those of the safe stop
+    hand over   the buses to another run while such a stop continues (runtime.guardian.handover); and, as the guardian
+                of that run, send the frames of the safe stop until its loop asks the drives
 
-It ends with the control process, or by its order; after the death of the control process with its stop, when another
-run takes a bus, or after STOP_ORPHANED. It ignores signals.
+It ends with the control process, or by its order; after the death of the control process with its stop, or after
+STOP_ORPHANED. It ignores signals.
 """
 
 from __future__ import annotations
@@ -36,10 +38,10 @@ from runtime.base.run_mark import remove_mark
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
 from runtime.console.terminal import print_over_status
 from runtime.guardian import MEMORY_LOCKED, REALTIME, control_group
-from runtime.guardian.lock import Visitors
+from runtime.guardian.handover import Handover, Successor
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop, replies_of
-from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
+from runtime.guardian.wires import FRAMES_AT_ONCE, SHARED, CannotOpen, Wire, load, open_wire
 
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
@@ -80,7 +82,9 @@ class Guardian:
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.drained = {}  # ns, by the index of a wire: everything older has been read
-        self.visitors = Visitors(())  # at the locks of the buses
+        self.handover = Handover(())
+        self.successors: dict[int, Successor] = {}  # by the index of a bus that is being taken over
+        self.attend = 0  # ns at which their drives get the next frames
         self.open_again = 0  # ns at which to open lost interfaces again
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
@@ -100,12 +104,13 @@ class Guardian:
             int(plan["limit"] * 1e9),
         )
         self.items, self.relays = plan["items"], plan["relays"]
-        self.visitors = Visitors(plan["locks"])
+        self.handover = Handover(plan["locks"])
+        self.successors = {lock["bus"]: Successor(lock["handover"]) for lock in plan["locks"] if lock["handover"] >= 0}
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
             try:
-                self.wires[index] = open_wire(bus)
+                self.wires[index] = self._open(index, bus)
             except CannotOpen as error:
                 problems[bus["name"]] = str(error)
         if problems:
@@ -129,6 +134,35 @@ class Guardian:
         self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
         return True
 
+    def _open(self, index, bus):
+        """Open the wire of a bus of the plan. Raises CannotOpen."""
+        successor = self.successors.get(index)
+        if successor is None:
+            return open_wire(bus)
+        shared = bus["interface"] in SHARED
+        wire = open_wire(bus, again=True) if shared else None
+        load(bus["interface"])
+        successor.open()
+        if wire is None:
+            wire = open_wire(bus, again=True)
+        while wire.receive():  # frames of the other process, and replies to it
+            pass
+        self.wires[index] = wire
+        self._attend(time.monotonic_ns())
+        return wire
+
+    def _attend(self, now):
+        """Send the frames of the safe stop to the drives of buses that are taken over, until the loop asks them."""
+        if self.page.beat:
+            while self.successors:
+                self.successors.popitem()[1].arming()
+        elif now >= self.attend:
+            self.attend = now + STOP_ROUND_MAXIMUM
+            for device in self.devices:
+                if device["bus"] in self.successors and device["bus"] in self.wires:
+                    for frame in device["zero"] + device["disable"]:
+                        self.wires[device["bus"]].send(*frame)
+
     def run(self) -> None:
         """Watch the loop and carry frames until the run is over, then report and close the wires."""
         checked = time.monotonic_ns()
@@ -144,6 +178,8 @@ class Guardian:
             reported = self.page.hung is not None or self.page.suspended > 0
             if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
+            if self.successors:
+                self._attend(now)
             self.carry()
             self.stop_again_if_due(now)
             if self.stop is not None and self.verdict is not None and not self.stop.over:
@@ -151,20 +187,22 @@ class Guardian:
                 self.stop.step(now)
                 if self.reported and now >= self.open_again:
                     self._open_again(self.stop, now)
+                if self.ordered or self.reported and self._has_ended():
+                    self._hand_over(self.stop)
                 self._report_stop(self.stop, self.verdict, now)
             if self.stuck_at is not None and now >= self.stuck_at:
                 self._report_hang()
         self._leave()
 
     def _is_over(self):
-        """Return whether the run, and a safe stop in progress, have ended.
-
-        Without the control process, a stop continues until another process wants a bus.
-        """
-        over = self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
-        if not over or self.in_send:
+        """Return whether the run, and a safe stop in progress, have ended."""
+        if not self._has_ended() or self.in_send:
             return False
-        return self.stop is None or self.reported and (self.released or self.stop.over or self.visitors.came())
+        return self.stop is None or self.reported and (self.released or self.stop.over)
+
+    def _has_ended(self):
+        """Return whether the run has ended."""
+        return self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
 
     def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
@@ -289,27 +327,43 @@ class Guardian:
         self.stop = SafeStop(self.devices, self.wires, now, moving=False, lasts=round(STOP_ORPHANED * 1e9))
         self.stop.step(now)
 
+    def _hand_over(self, stop):
+        """Offer the buses of a stop that continues after the run to another run."""
+        while self.relays:  # after the damping, the other run may need their lines
+            os.close(self.relays.pop()["descriptor"])
+        self.handover.begin()
+        for line in self.handover.step(stop, self._close_wire):
+            print_over_status(f"tickwork guardian: {line}")
+
+    def _close_wire(self, index):
+        """Close the interface of a bus."""
+        for descriptor in [key for key, place in self.places.items() if place == index]:
+            self.poll.unregister(descriptor)
+            del self.places[descriptor]
+        self.wires[index].close()
+        self._set_wire(index, Wire())
+
+    def _set_wire(self, index, wire):
+        """Let a wire replace that of a bus."""
+        self.wires[index], line = wire, self.buses[index]["line"]
+        if line is None:
+            wire.listen(replies_of(self.devices, index))
+            return
+        self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, wire)]
+        self.restless = any(each.fileno() is None for _, _, each in self.carried)
+        descriptor = wire.fileno()
+        if descriptor is not None:
+            self.places[descriptor] = index
+            self.poll.register(descriptor, select.POLLIN)
+
     def _open_again(self, stop, now):
         """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
         self.open_again = now + STOP_ROUND_MAXIMUM
         for index in stop.lost:
-            wire, line = self.wires[index], self.buses[index]["line"]
             with suppress(CannotOpen):
                 again = open_wire(self.buses[index], again=True)
-                for descriptor in [key for key, place in self.places.items() if place == index]:
-                    self.poll.unregister(descriptor)
-                    del self.places[descriptor]
-                wire.close()
-                self.wires[index] = again
-                if line is None:
-                    again.listen(replies_of(self.devices, index))
-                    continue
-                self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, again)]
-                self.restless = any(each.fileno() is None for _, _, each in self.carried)
-                descriptor = again.fileno()
-                if descriptor is not None:
-                    self.places[descriptor] = index
-                    self.poll.register(descriptor, select.POLLIN)
+                self._close_wire(index)
+                self._set_wire(index, again)
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
@@ -377,7 +431,6 @@ class Guardian:
         if not self.reported:
             self.reported = True
             self.page.show_stop(False)
-            self.visitors.came()  # earlier ones found the bus taken
             print_over_status(_in_words(verdict))
         if stop.over and self.ordered:
             self._answer({"stop": verdict})
@@ -403,6 +456,7 @@ class Guardian:
                 },
             }
         )
+        self.handover.close()
         for wire in self.wires.values():
             wire.close()
         if self.groups is not None:

@@ -44,6 +44,7 @@ class SafeStop:
 
     due : ns of the next `step`
     failing : buses over which the newest frame could not be sent
+    lent, given : buses that another run takes over, and those whose drives it asks
     """
 
     def __init__(
@@ -69,7 +70,9 @@ class SafeStop:
         self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=0)
         self.lasts = lasts
         self.sent, self.confirmed_at, self.newest = 0, {}, now
-        self.failing = set()
+        self.failing: set[int] = set()
+        self.lent: set[int] = set()
+        self.given: set[int] = set()
 
     @property
     def over(self) -> bool:
@@ -88,7 +91,7 @@ class SafeStop:
     @property
     def lost(self) -> set[int]:
         """Buses over which the frames for devices that have not confirmed cannot be sent: their adapter may return."""
-        return {self.stopped[name]["bus"] for name in self.waiting} & self.failing
+        return {self.stopped[name]["bus"] for name in self.waiting} & (self.failing - self.lent)
 
     def step(self, now: int) -> None:
         """Send the due frames to devices that have not confirmed, and check whether the stop is complete."""
@@ -97,7 +100,8 @@ class SafeStop:
         self.newest = now
         if now >= self.disabling_due:
             self._judge(now)
-        if not self.waiting or now - self.began >= self.limit + self.lasts:
+        elsewhere = all(self.stopped[name]["bus"] in self.given for name in self.waiting)
+        if elsewhere or now - self.began >= self.limit + self.lasts:
             self.ended = now
             return
         if now < self.due:
@@ -129,6 +133,8 @@ class SafeStop:
         self.disabling_due = now + self.round
         for name, device in self.stopped.items():
             confirmation = self.confirmations[name]
+            if device["bus"] in self.lent:
+                continue
             if name not in self.damped and not confirmation.confirmed and confirmation.may_send():
                 self._send(device, device["zero"] + device["disable"])
                 confirmation.sent(now, len(device["zero"]) + len(device["disable"]) - device["unanswered"])

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from cext.safety.thresholds import INTERFACE_FAILURE_LIMIT
@@ -352,6 +353,15 @@ def open_wire(bus: PlanBus, again: bool = False) -> Wire:
         return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
     options = (bus.get("options") or {}) | (STARTED.get(bus["interface"], {}) if again else {})
     return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], options)
+
+
+def load(interface: str) -> None:
+    """Import what an interface of python-can needs."""
+    import can.interfaces
+
+    if interface in can.interfaces.BACKENDS:
+        with suppress(Exception):  # it is reported when the interface is opened
+            import_module(can.interfaces.BACKENDS[interface][0])
 
 
 def _drop_old(sent, now):

@@ -13,7 +13,7 @@ from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import GUARDIAN_SILENCE, GUARDIAN_SILENCE_REALTIME, TX_QUEUE_FULL_LIMIT
 from graph import Device, StreamDevice
 from runtime.base.descriptors import Descriptors
-from runtime.guardian import MEMORY_LOCKED, REALTIME, GuardianError, GuardianProcess
+from runtime.guardian import MEMORY_LOCKED, REALTIME, GuardianError, GuardianProcess, with_flags
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import SHARED
@@ -89,6 +89,7 @@ class RigBuses:
         self.locks, self.guardian, self.report = [], None, None
         self.descriptors, self.lost = Descriptors(), []
         self.lines, self.bell = None, -1
+        self.left: dict[str, dict[str, Any]] = {}  # counts of buses that were closed before the end of a stop
         devices = [block for block in robot if isinstance(block, Device)]
         self.media = {block.bus: block.medium for block in devices}
         kinds = [rig.buses[name].interface for name in names if self.media[name] == "can"]
@@ -137,14 +138,10 @@ class RigBuses:
                 )
             )
         try:
-            self.locks.append(BusLock(bus.interface, bus.channel))
+            self.locks.append(BusLock(bus.interface, bus.channel, stop_identifiers(devices)))
         except BusTaken as taken:
             raise Refused(
-                RigProblem(
-                    "TW106",
-                    f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
-                    "end that process first: a bus has one controller",
-                )
+                RigProblem("TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}", taken.remedy)
             ) from None
         if bus.interface == I2C:
             interface = I2cInterface(bus, devices)
@@ -156,7 +153,8 @@ class RigBuses:
                 SocketCan(interface.socket, shared=True, queue_full_limit=TX_QUEUE_FULL_LIMIT, mute=not bus.peer),
             )
         if bus.interface != SOCKETCAN:
-            look_at_port(bus)
+            if self.locks[-1].handover is None:  # otherwise its process closes the port when the guardian opens it
+                look_at_port(bus)
             assert self.lines is not None
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         filters = [device.acceptance_filters() for device in devices]
@@ -259,11 +257,22 @@ class RigBuses:
             if self.media[name] == "i2c":
                 bus.interface.start(priority)
 
+    def leave_sensors(self) -> None:
+        """Close everything but the CAN buses: while a stop continues, another run may open it."""
+        if self.report is None and not self.left:
+            self.lost = self.descriptors.lost()
+        for name, bus in self.buses.items():
+            if self.media[name] != "can" or bus.interface.bus.interface == UDP:
+                self.left[name] = self._count(bus)
+                with suppress(OSError):  # a block has closed its descriptor
+                    bus.interface.close()
+        self.streams.close()
+
     def take_over(self, lasts: float, ended: Callable[[], bool]) -> StopReport:
         """Stop the actuators without the guardian. Arguments as of GuardianProcess.take_over. Returns its report."""
         assert self.guardian is not None
         self.lost = self.descriptors.lost()
-        died, problems, stop = self.guardian.take_over(lasts, ended)
+        died, problems, stop = self.guardian.take_over(lasts, ended, self.leave_sensors)
         self.report = {"stop": None, "troubles": problems, "died": died, "taken_over": stop}
         return stop
 
@@ -286,11 +295,11 @@ class RigBuses:
 
     def finish(self) -> dict[str, dict[str, Any]]:
         """Close the interfaces and return {bus: its counts, state and foreign IDs} as plain data."""
-        if self.report is None:
+        if self.report is None and not self.left:
             self.lost = self.descriptors.lost()
         if self.guardian is not None and self.report is None:
             self.report = self.guardian.finish()
-        self.after = {name: self._count(bus) for name, bus in self.buses.items()}
+        self.after = {name: self.left.get(name) or self._count(bus) for name, bus in self.buses.items()}
         self.close()
         return self.after
 
@@ -383,6 +392,12 @@ class RigBuses:
         return in_words(
             self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual
         )
+
+
+def stop_identifiers(devices: Sequence[Device]) -> set[int]:
+    """Return the identifiers, with flag bits, of the frames that stop devices."""
+    frames = [frame for device in devices for frame in (*device.zero_frames(), *device.disable_frames())]
+    return {with_flags(identifier, extended) for identifier, extended, _ in frames}
 
 
 def in_words(error: int | str | None, bus: RigBus, virtual: bool) -> tuple[str, str]:

@@ -319,6 +319,7 @@ def stopped_late(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: fl
     if not outcome.unconfirmed or rig.report is not None or rig.guardian is None:
         return outcome
     with caught_signals() as caught:
+        rig.leave_sensors()
         report = rig.guardian.go_on(outcome.unconfirmed, time_to_stop(seconds), lambda: bool(caught))
     if report is None and not caught and not guardian_looks(page):
         return taken_over(outcome, rig, seconds)
