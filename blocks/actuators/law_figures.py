@@ -93,6 +93,13 @@ class Law:
                 "longest time from a command to its reply on which this rests; beyond, as the run measures it, "
                 "stiffness and damping are zero",
             ),
+            (
+                "later_command",
+                self.period,
+                "s",
+                "delay of a command, beyond that of the commands before it, on which this rests; a longer one is "
+                "measured only when its reply arrives",
+            ),
             ("usable_damping", self.usable_damping, "N·m·s/rad", "usable damping if the whole law exceeds the limit"),
             (
                 "smallest_inertia",

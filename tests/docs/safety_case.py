@@ -25,8 +25,9 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "ranges that its blocks declare.",
             "b": "A drive's encoder rejects a command beyond the limit, and no frame of that tick is sent.",
             "c": "Where the drive closes the loop, its stiffness and damping are reduced so that its whole law stays "
-            "within the limit, for accelerations up to `max_acceleration` and replies up to `max_transit` late. Later "
-            "replies, or an angle that cannot have come from motion, remove stiffness and damping.",
+            "within the limit, for accelerations up to `max_acceleration`, replies up to `max_transit` late, and "
+            "commands up to one period later than those before. Later replies, or an angle that cannot have come from "
+            "motion, remove stiffness and damping.",
             "d": "Acceleration beyond that removes stiffness and damping, and ends the run if it persists.",
             "e": "A measured torque beyond the limit and its accuracy ends the run.",
             "f": "A drive whose range of position, velocity or torque differs from the table ends the run, as far as "

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from graph import Diagram, compile
 from tests.cext.delayed import KINDS, bursts, connected, constant, irregular, lossy, shaken
 from tests.cext.imposed import imposed, sine, still
 
@@ -99,6 +100,34 @@ def test_replies_that_become_late_during_the_run_take_the_gains(rate, later):
     assert (rig.watched["transit_ticks"] > 0) == (later > permitted)
     told = [event["what"] for event in rig.events if "max_transit" in event.get("what", "")]
     assert len(told) == (later > permitted)
+
+
+@pytest.mark.hazard("H1c")
+@pytest.mark.parametrize("rate", [200, 1000, 2000])
+@pytest.mark.parametrize("name", KINDS)
+def test_a_command_that_is_later_than_those_before_stays_within_the_limit_for_the_time_that_check_prints(name, rate):
+    """On its way to the drive, which obeys the command before it meanwhile."""
+    limit, more = 3.0, {"restart_time": 0.1} if "V3" in name else {}
+    kind, model, _ = KINDS[name]
+    with Diagram("robot", rate=rate) as robot:
+        kind(model, name="knee", limit=limit)(stiffness_command=100.0)
+    [bound] = compile(robot).torque_bounds.values()
+    [later] = [value for figure, value, _, _ in bound.figures if figure == "later_command"]
+    reached = []
+    for share in (1.0, 3.0):
+        rig, _ = connected(
+            name,
+            shaken(490.0, 5.0),
+            lambda t: (0.0 if t < 0.401 - 1e-9 else share * later, 0.0),
+            rate=rate,
+            seconds=0.7,
+            limit=limit,
+            commands={"stiffness_command": 100.0},
+            **more,
+        )
+        reached.append(largest(rig) - rig.torque_code)
+    assert reached[0] <= limit
+    assert reached[1] > limit or rate == 200, "which the measurement does not prevent"
 
 
 @pytest.mark.parametrize("rate", RATES)

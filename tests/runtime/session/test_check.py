@@ -152,6 +152,7 @@ def test_limits_by_assumption_or_in_the_drive_are_not_reported_as_proved(tmp_pat
     )
     assert set(figures) == {
         "max_transit",
+        "later_command",
         "usable_damping",
         "smallest_inertia",
         "stall_time",
