@@ -32,7 +32,7 @@ ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
 
-RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, runtime.rig.file, serial, smbus2
+RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, runtime.robot.rig.file, serial, smbus2
 
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 
@@ -88,12 +88,12 @@ stencils: $(VENV)/installed-test
 
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)
-	exec $(VENV)/bin/python -m pytest -rs tests/runtime/guardian tests/runtime/rig $(TESTS)
+	exec $(VENV)/bin/python -m pytest -rs tests/runtime/robot/guardian tests/runtime/robot/rig $(TESTS)
 
 # pymscl, which the package requires, has wheels for x86-64 and, from glibc 2.39 on, for aarch64; it needs Python 3.11 to 3.13.
 reference: $(VENV)/installed-test build/reference/installed
 	REFERENCE_PYTHON=$(CURDIR)/build/reference/bin/python SKIPPED_FILES=error \
-		$(VENV)/bin/python -m pytest tests/runtime/emulation/test_reference_programs.py $(TESTS)
+		$(VENV)/bin/python -m pytest tests/runtime/robot/emulation/test_reference_programs.py $(TESTS)
 
 build/reference/installed:
 	$(VENV)/bin/python -m venv build/reference

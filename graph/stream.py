@@ -16,7 +16,7 @@ class StreamDevice(Device):
 
     `decode` returns TAKEN for a complete sample, NOTED for an incomplete one, MALFORMED for corrupt bytes.
 
-    line : kind of the line, a key of runtime.rig.streams.KINDS
+    line : kind of the line, a key of runtime.robot.rig.streams.KINDS
     """
 
     bus = Param("", "1", "logical name of the line, by default the path of the block", dtype=str)
@@ -44,7 +44,7 @@ class StreamDevice(Device):
             self.bus = self.path
 
     def opening(self) -> dict[str, Any]:
-        """Return {option: value} with which runtime.rig.streams opens its kind of line."""
+        """Return {option: value} with which runtime.robot.rig.streams opens its kind of line."""
         return {}
 
     def set_up(self) -> Any:

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from typing import Any, overload
 
     from graph import Diagram
-    from runtime.analysis.trial import Trial
-    from runtime.analysis.trials import Trials
-    from runtime.optimisation.result import OptimisationResult
-    from runtime.report.check import Report
+    from runtime.experiments.optimisation.result import OptimisationResult
+    from runtime.experiments.studies.result import StudyResult
+    from runtime.record.analysis.trial import Trial
+    from runtime.record.analysis.trials import Trials
+    from runtime.record.report.check import Report
     from runtime.session.connected import ConnectedRobot
     from runtime.session.simulate import SimulatedLoop, SimulatedRun
-    from runtime.studies.result import StudyResult
 else:
 
     def overload(function):
@@ -57,10 +57,10 @@ def load(path: Iterable[str | os.PathLike[str]]) -> Trials: ...  # noqa: F811
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:  # noqa: F811
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
-        trial = load("trial.mcap")              # a runtime.analysis.trial.Trial
+        trial = load("trial.mcap")              # a runtime.record.analysis.trial.Trial
         trial["left/knee.position"]             # array over the ticks
         newest = load("trials")                 # the newest recording of a folder
-        trials = load("trials/*.mcap")          # a runtime.analysis.trials.Trials, one recording after the other
+        trials = load("trials/*.mcap")          # a runtime.record.analysis.trials.Trials, one recording after the other
 
     path : path of a file or folder, a pattern, or a list of paths. A type checker cannot distinguish a pattern from
         the path of one file: pass `glob.glob(pattern)` for a return type of Trials
@@ -68,7 +68,7 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
     Raises BadInput if there is no such recording.
     """
     with _WholeImports():
-        from runtime.analysis.trials import load
+        from runtime.record.analysis.trials import load
 
     return load(path)
 
@@ -87,7 +87,7 @@ def run(
     stop_for: float | None = None,
     **options: Any,
 ) -> Trial:
-    """Run a diagram, and return its runtime.analysis.trial.Trial.
+    """Run a diagram, and return its runtime.record.analysis.trial.Trial.
 
         trial = runtime.run("diagrams/knee_exo.py", duration=60, settings={"left/profile.scale": 0.5})
         trial["left/knee.position"]         # array over the ticks, rad
@@ -127,7 +127,7 @@ def run(
     another thread, the run continues to its end.
     """
     with _WholeImports():
-        from runtime.base.errors import BadInput
+        from runtime.host.errors import BadInput
 
     if stop_for is not None:
         options["stop_for"] = stop_for
@@ -221,12 +221,12 @@ def connect(
     options : further options of the command in real time, as of `run`: yes=True, record="trials"
 
     Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedLoop with
-    the same names. Iteration raises runtime.base.errors.RunFault after a fault. Raises BadInput.
+    the same names. Iteration raises runtime.host.errors.RunFault after a fault. Raises BadInput.
     """
     if fast and rig is None:
         if options:
             with _WholeImports():
-                from runtime.base.errors import BadInput
+                from runtime.host.errors import BadInput
                 from runtime.session.own_process import check_names
 
             check_names(options)
@@ -258,12 +258,12 @@ def check(
     diagram : path of a diagram file, a Diagram, or a function that builds one
     settings, rate, rig : as of `run`; not for a Diagram
 
-    Returns a runtime.report.check.Report, a dict. Raises BadInput if a file cannot be read.
+    Returns a runtime.record.report.check.Report, a dict. Raises BadInput if a file cannot be read.
     """
     with _WholeImports():
         from graph import Diagram
-        from runtime.base.errors import BadInput
-        from runtime.report.check import Report
+        from runtime.host.errors import BadInput
+        from runtime.record.report.check import Report
         from runtime.session.check import check
 
     given: Any = settings
@@ -303,7 +303,8 @@ def study(
     diagram : path of a diagram file; with workers=0 also a function that builds a Diagram
     duration : duration of each run, s
     objectives : {name: function of a Trial that returns a number, or {"function": function, argument: value}}. A
-        function is the name of one in runtime.studies.objectives, "module:function", or with workers=0 a callable
+        function is the name of one in runtime.experiments.studies.objectives, "module:function", or with workers=0 a
+        callable
     grid : {name of a setting: values}, whose combinations are run
     sample : {name of a setting: {"uniform": [low, high]}}; also log_uniform: [low, high], normal: [mean, deviation].
         Every combination of the grid is run with the same samples
@@ -317,13 +318,13 @@ def study(
     dask : address of a Dask scheduler, such as `tcp://10.0.0.5:8786`, whose workers run the trials
 
     The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
-    values. Returns a runtime.studies.result.StudyResult. Raises BadInput.
+    values. Returns a runtime.experiments.studies.result.StudyResult. Raises BadInput.
     """
     with _WholeImports():
         from pathlib import Path
 
-        from runtime.studies.description import Study
-        from runtime.studies.run import run
+        from runtime.experiments.studies.description import Study
+        from runtime.experiments.studies.run import run
 
     given = _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate)
     return run(Study(**given), None if output is None else Path(output), workers, dask)
@@ -374,13 +375,14 @@ def optimise(
     settings, rate : of every run, as of `run`
 
     The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
-    runtime.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the optimiser's package.
+    runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the
+    optimiser's package.
     """
     with _WholeImports():
         from pathlib import Path
 
-        from runtime.optimisation.description import Optimisation
-        from runtime.optimisation.simulated import run
+        from runtime.experiments.optimisation.description import Optimisation
+        from runtime.experiments.optimisation.simulated import run
 
     description = Optimisation(
         **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate),

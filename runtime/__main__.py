@@ -6,21 +6,21 @@ SIGINT prints Python's own traceback only before the first statement here, while
 import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of the working folder can shadow it
 
 if __name__ == "__main__" and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)  # ends the process until runtime.base.ending is imported
+    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)  # ends the process until runtime.host.ending is imported
 
 import os
 import sys
 
-from runtime.base import working_folder
+from runtime.host import working_folder
 
 FOLDER = working_folder.move_back() if __name__ == "__main__" else None  # before anything that it could hide
 
-from runtime.base import ending  # noqa: E402
+from runtime.host import ending  # noqa: E402
 
 if __name__ == "__main__":
     ending.leave_on_signals()
 
-from runtime.base import installation_check, run_mark  # noqa: E402
+from runtime.host import installation_check, run_mark  # noqa: E402
 
 
 def main(folder: "str | None" = FOLDER) -> None:

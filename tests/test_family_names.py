@@ -10,7 +10,7 @@ from tests.checkout import PACKAGES, ROOT, tracked
 
 # what no table lists: names of vendors, and older names of models
 MORE = ("Aceinna", "CyberGear", "AKM", "EduLite", "Xiaomi")
-TEMPLATES = ROOT / "runtime" / "laboratory" / "templates"
+TEMPLATES = ROOT / "runtime" / "setup" / "laboratory" / "templates"
 PUBLIC = ("blocks/actuators/__init__.py", "blocks/imus/__init__.py")  # import paths
 
 

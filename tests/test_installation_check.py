@@ -8,7 +8,7 @@ from importlib.metadata import files
 
 import pytest
 
-from runtime.base import installation_check
+from runtime.host import installation_check
 from tests.checkout import ROOT, RUN, assert_one_line, copy_packages, python
 from tests.test_packaging import PYPROJECT, canonical
 
@@ -211,7 +211,7 @@ def test_dependency_that_does_not_load_is_reported_in_one_line(tmp_path):
 
 def test_internal_error_is_not_hidden(tmp_path):
     copy_packages(tmp_path)
-    (tmp_path / "runtime" / "cli" / "main.py").write_text("from runtime.base.errors import no_such_name\n")
+    (tmp_path / "runtime" / "cli" / "main.py").write_text("from runtime.host.errors import no_such_name\n")
     process = python(*RUN, cwd=tmp_path)
     assert process.returncode == 1 and "Traceback" in process.stderr and "no_such_name" in process.stderr
 
@@ -233,10 +233,10 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
     for name in (
         "__init__.py",
         "__main__.py",
-        "base/__init__.py",
-        "base/installation_check.py",
-        "base/ending.py",
-        "base/working_folder.py",
+        "host/__init__.py",
+        "host/installation_check.py",
+        "host/ending.py",
+        "host/working_folder.py",
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
     ast.parse((ROOT / "tickwork_command.py").read_text(), feature_version=(3, 6))
@@ -245,9 +245,9 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
 
 
 def test_entry_files_import_nothing_of_tickwork():
-    process = python("-c", "import sys, runtime.base.installation_check; print(*sys.modules)", cwd=ROOT)
+    process = python("-c", "import sys, runtime.host.installation_check; print(*sys.modules)", cwd=ROOT)
     loaded = set(process.stdout.split())
-    assert "runtime.base.installation_check" in loaded
+    assert "runtime.host.installation_check" in loaded
     assert not {"cext", "graph", "blocks", "runtime.cli.main", "numpy", "networkx"} & loaded
 
 

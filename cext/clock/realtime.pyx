@@ -2,7 +2,7 @@
 """Linux system calls of a real-time loop that Python lacks.
 
 Locked memory, a prefaulted stack, timer slack, slices, and a real-time priority that ends if the thread spins.
-runtime.machine.realtime decides on their use.
+runtime.host.machine.realtime decides on their use.
 """
 
 import errno

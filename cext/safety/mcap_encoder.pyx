@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Encoder of rows and frames to MCAP message records, as runtime.recording.messages describes them.
+"""Encoder of rows and frames to MCAP message records, as runtime.record.storage.messages describes them.
 
 A row is a copy of a template for each subsystem, with its doubles filled in. The frames of one bus drain and one bus
 are one message, which a row, the next drain, an event or a flush ends.

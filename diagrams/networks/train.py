@@ -21,7 +21,7 @@ import numpy as np
 
 from diagrams.networks import export
 from diagrams.networks.trials import RATE, trial
-from runtime.base.replaced_file import write
+from runtime.host.replaced_file import write
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")  # sums in the same order everywhere
 

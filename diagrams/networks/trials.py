@@ -6,7 +6,7 @@ import numpy as np
 
 from blocks.wearer import SegmentIMU, Walker
 from graph import Diagram
-from runtime.analysis.trial import Trial
+from runtime.record.analysis.trial import Trial
 from runtime.session.simulate import simulate
 
 RATE = 100.0  # Hz

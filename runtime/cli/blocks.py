@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from runtime.base.errors import OK
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import print_lines
-from runtime.diagrams.catalog import catalog
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import OK
+from runtime.robot.loading.catalog import catalog
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.base.ending import Interrupted, handled
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.options import number
-from runtime.base.replaced_file import replaced, write
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.ending import Interrupted, handled
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.options import number
+from runtime.host.replaced_file import replaced, write
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from blocks.imus.calibration import Calibration
     from graph.device import Device
-    from runtime.commissioning.calibration.measuring import OnRig, Readings
-    from runtime.commissioning.calibration.result import Result
+    from runtime.setup.commissioning.calibration.measuring import OnRig, Readings
+    from runtime.setup.commissioning.calibration.result import Result
 
 EPILOG = """\
 examples:
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str]) -> int:
         "--out", type=Path, default=Path("calibration"), metavar="DIR", help="output folder (default: calibration)"
     )
     options = parser.parse_args(arguments)
-    from runtime.commissioning.calibration.result import find
+    from runtime.setup.commissioning.calibration.result import find
 
     sensor, readings = measured(options)
     result = find(readings, options.only)
@@ -95,9 +95,9 @@ def parts(text: str) -> tuple[str, ...]:
 
 def measured(options: Namespace) -> tuple[Device, Readings]:
     """Measure on the rig or in simulation. Returns (sensor, Readings)."""
-    from runtime.commissioning.calibration.measuring import OnRig, sensor_of, simulated
-    from runtime.diagrams.file import load
-    from runtime.rig import read
+    from runtime.robot.loading.file import load
+    from runtime.robot.rig import read
+    from runtime.setup.commissioning.calibration.measuring import OnRig, sensor_of, simulated
 
     rig = read(options.rig) if options.rig is not None else None
     file, diagram = load(options.file, options.settings, rig)
@@ -114,8 +114,8 @@ def measured(options: Namespace) -> tuple[Device, Readings]:
 
 def watched(source: OnRig, options: Namespace) -> Readings:
     """Measure on a rig and report progress. Returns Readings; Ctrl-C ends the measurement early."""
-    from runtime.commissioning.calibration.measuring import NOTHING
-    from runtime.commissioning.calibration.result import find
+    from runtime.setup.commissioning.calibration.measuring import NOTHING
+    from runtime.setup.commissioning.calibration.result import find
 
     readings, before = NOTHING, None
     deadline = time.monotonic() + (options.duration or 120.0)
@@ -161,7 +161,7 @@ def written(folder: Path, sensor: Device, result: Result) -> list[str]:
 
     Parts of the present file that were not calibrated now are kept.
     """
-    from runtime.commissioning.calibration.picture import draw
+    from runtime.setup.commissioning.calibration.picture import draw
 
     path = file_of(folder, sensor)
     picture = path.with_suffix(".png")

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from runtime.base.errors import CHECK_FAILED, OK
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import print_lines
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import CHECK_FAILED, OK
 from runtime.session.check import KEYS, check, report_lines
 from runtime.session.request import Request
 

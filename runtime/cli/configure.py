@@ -10,17 +10,17 @@ from blocks.families import families
 from graph import Device
 from graph.family import Request
 from graph.names import suggestion
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.cli.parsing import Parser, add_bus
-from runtime.commissioning import rig_edit
-from runtime.commissioning.bus import opened, plain, single_bus
-from runtime.commissioning.configure import apply, joint
-from runtime.console.confirm import confirm
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.diagrams.file import compiled, load
-from runtime.rig import read
-from runtime.rig.file import parse
-from runtime.rig.overrides import override
+from runtime.host.console.confirm import confirm
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.robot.loading.file import compiled, load
+from runtime.robot.rig import read
+from runtime.robot.rig.file import parse
+from runtime.robot.rig.overrides import override
+from runtime.setup.commissioning import rig_edit
+from runtime.setup.commissioning.bus import opened, plain, single_bus
+from runtime.setup.commissioning.configure import apply, joint
 
 if TYPE_CHECKING:
     from argparse import Namespace

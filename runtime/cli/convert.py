@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from runtime.analysis.trial import Trial
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.optional_dependencies import MissingExtra
-from runtime.base.options import number
-from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
-from runtime.console.progress import Progress
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.export import FORMATS, OPENSIM, convert, opensim
-from runtime.recording.files import make_folder
-from runtime.recording.parts import heads
-from runtime.recording.repair import RepairFailed, finish
+from runtime.host.console.progress import Progress
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.optional_dependencies import MissingExtra
+from runtime.host.options import number
+from runtime.host.suggestions import suggestion
+from runtime.record.analysis.trial import Trial
+from runtime.record.export import FORMATS, OPENSIM, convert, opensim
+from runtime.record.storage.files import make_folder
+from runtime.record.storage.parts import heads
+from runtime.record.storage.repair import RepairFailed, finish
 
 READING_SHARE = 0.5  # of the progress
 

@@ -7,21 +7,21 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.analysis import condition_table, difference_picture
-from runtime.analysis.compare import compare
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.optional_dependencies import need
 from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
-from runtime.console.progress import Progress
-from runtime.console.terminal import print_lines
-from runtime.recording.parts import newest
+from runtime.host.console.progress import Progress
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.optional_dependencies import need
+from runtime.record.analysis import condition_table, difference_picture
+from runtime.record.analysis.compare import compare
+from runtime.record.storage.parts import newest
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from runtime.analysis.trial import Trial
+    from runtime.record.analysis.trial import Trial
 
 EPILOG = """\
 examples:
@@ -83,7 +83,7 @@ def compare_strides(here: Trial, there: Trial, options: Namespace) -> int:
     first, second = compared
     print_lines(condition_table.table(first, second, condition_table.compare(first, second)))
     need("matplotlib.figure", "a picture")
-    from runtime.analysis import condition_picture
+    from runtime.record.analysis import condition_picture
 
     print_lines(
         ["", drawing.write(lambda file, kind: condition_picture.draw(compared, file, kind), options.output, "diff")]

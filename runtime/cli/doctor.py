@@ -11,18 +11,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.base.errors import CHECK_FAILED, BadInput
-from runtime.base.errors import OK as FIT
-from runtime.base.options import count
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import print_lines, program
-from runtime.doctor import examine
-from runtime.doctor.script import script
-from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
-from runtime.machine.probe import PI, Machine
+from runtime.host.console.terminal import print_lines, program
+from runtime.host.errors import CHECK_FAILED, BadInput
+from runtime.host.errors import OK as FIT
+from runtime.host.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
+from runtime.host.machine.probe import PI, Machine
+from runtime.host.options import count
+from runtime.setup.doctor import examine
+from runtime.setup.doctor.script import script
 
 if TYPE_CHECKING:
-    from runtime.machine.finding import Finding
+    from runtime.host.machine.finding import Finding
 
 WRAP_WIDTH = 110  # characters
 MARKS = {UNKNOWN: "?"}

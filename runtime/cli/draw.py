@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from runtime.base.errors import OK
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.diagrams.draw import FORMATS, draw_file
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import OK
+from runtime.robot.loading.draw import FORMATS, draw_file
 from runtime.session.request import Request
 
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.base.errors import BadInput
-from runtime.base.replaced_file import replaced
-from runtime.recording.files import create, private
+from runtime.host.errors import BadInput
+from runtime.host.replaced_file import replaced
+from runtime.record.storage.files import create, private
 
 if TYPE_CHECKING:
     from functools import partial

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.confirm import discard_typed
-from runtime.console.terminal import print_lines, print_to_stderr, program
+from runtime.host.console.confirm import discard_typed
+from runtime.host.console.terminal import print_lines, print_to_stderr, program
+from runtime.host.errors import BadInput
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from blocks.i2c import I2cDevice
     from cext.schedule.outcome import Outcome
     from graph import Diagram, Schedule
-    from runtime.emulation.buses import PlantBuses
-    from runtime.emulation.lines import EmulatedLines
-    from runtime.rig.file import RigFile
+    from runtime.robot.emulation.buses import PlantBuses
+    from runtime.robot.emulation.lines import EmulatedLines
+    from runtime.robot.rig.file import RigFile
 
 DANGER = "a real drive would interpret emulated replies as commands, and move"
 
@@ -30,15 +30,15 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code, for a signal that of `run`."""
     options = parse(arguments)
     from graph import StreamDevice
-    from runtime.diagrams.file import load
-    from runtime.diagrams.simulation import plant_of
-    from runtime.emulation.buses import PlantBuses
-    from runtime.emulation.gpio_server import GpioServer
-    from runtime.emulation.lines import GPIO, NETWORK, TERMINALS, EmulatedLines, lines_of
-    from runtime.emulation.network_senders import NetworkSender
-    from runtime.emulation.serving import Service
-    from runtime.report.summary import exit_code, stopped
-    from runtime.rig import read
+    from runtime.record.report.summary import exit_code, stopped
+    from runtime.robot.emulation.buses import PlantBuses
+    from runtime.robot.emulation.gpio_server import GpioServer
+    from runtime.robot.emulation.lines import GPIO, NETWORK, TERMINALS, EmulatedLines, lines_of
+    from runtime.robot.emulation.network_senders import NetworkSender
+    from runtime.robot.emulation.serving import Service
+    from runtime.robot.loading.file import load
+    from runtime.robot.loading.simulation import plant_of
+    from runtime.robot.rig import read
 
     if options.lines is not None:
         try:

@@ -10,11 +10,11 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.base import ending, installation_check
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import short_program
-from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.host import ending, installation_check
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.host.suggestions import suggestion
 
 if TYPE_CHECKING:
     from graph.diagnostics import DiagramError

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from blocks.families import example_models, families, find_model
-from runtime.base.errors import BadInput
-from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.configure import drive_id
 from runtime.cli.parsing import Parser, add_bus, add_options, instance
 from runtime.cli.run import carried_out
-from runtime.commissioning import move
-from runtime.commissioning.bus import entry, single_bus
-from runtime.console.terminal import print_lines
-from runtime.report import summary
-from runtime.rig import RigError
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import BadInput
+from runtime.host.options import TIME_LIMIT, number
+from runtime.record.report import summary
+from runtime.robot.rig import RigError
 from runtime.session.request import Request
+from runtime.setup.commissioning import move
+from runtime.setup.commissioning.bus import entry, single_bus
 
 if TYPE_CHECKING:
     from argparse import Namespace

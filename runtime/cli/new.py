@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.base.errors import OK
 from runtime.cli.parsing import Parser, short_program
-from runtime.console.terminal import print_lines
-from runtime.laboratory import create
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import OK
+from runtime.setup.laboratory import create
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -10,16 +10,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import count, number, settings
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
-from runtime.console.terminal import print_lines, print_to_stderr, program
+from runtime.host.console.terminal import print_lines, print_to_stderr, program
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import count, number, settings
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from graph.schedule import Column, Schedule
-    from runtime.optimisation.parameters import Parameter
+    from runtime.experiments.optimisation.parameters import Parameter
     from runtime.session.request import Request
     from runtime.session.result import Result
 
@@ -139,7 +139,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def parameters_of(options: Namespace) -> list[Parameter]:
     """Return the parameters of --over and --largest-step. Raises BadInput."""
-    from runtime.optimisation.parameters import distinct, parse
+    from runtime.experiments.optimisation.parameters import distinct, parse
 
     parameters = {parameter.name: parameter for parameter in distinct(map(parse, options.over))}
     for name, text in settings(options.largest_step, "--largest-step "):
@@ -154,14 +154,14 @@ def parameters_of(options: Namespace) -> list[Parameter]:
 
 
 def plan_of(options: Namespace, schedule: Schedule, recorded: Sequence[Column], attended: bool) -> dict[str, Any]:
-    """Return the plan of the optimiser process, see runtime.optimisation.process. Raises BadInput.
+    """Return the plan of the optimiser process, see runtime.experiments.optimisation.process. Raises BadInput.
 
     recorded : signals that a cost can use
     attended : whether an operator can press keys
     """
-    from runtime.live.table import describe, parse
-    from runtime.optimisation import state_file
-    from runtime.optimisation.live_robot import Targets, with_initial
+    from runtime.experiments.optimisation import state_file
+    from runtime.experiments.optimisation.live_robot import Targets, with_initial
+    from runtime.host.live.table import describe, parse
 
     run_table = parse(describe(schedule)[1])
     parameters = with_initial(parameters_of(options), run_table)
@@ -210,8 +210,8 @@ def plan_of(options: Namespace, schedule: Schedule, recorded: Sequence[Column], 
 
 def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
     """Return the part of the plan on the cost. Raises BadInput."""
-    from runtime.base.suggestions import suggestion
-    from runtime.optimisation.metabolic import TIME_CONSTANT
+    from runtime.experiments.optimisation.metabolic import TIME_CONSTANT
+    from runtime.host.suggestions import suggestion
 
     kind, colon, name = options.cost.partition(":")
     if kind != "signal" or not colon:
@@ -240,9 +240,9 @@ def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
 def live(request: Request, options: Namespace) -> int:
     """Optimise in real time. Returns the exit code of the run."""
     from runtime.cli.run import concluded
-    from runtime.optimisation.session import OptimisedSession
-    from runtime.recorder import can_ask
-    from runtime.report import summary
+    from runtime.experiments.optimisation.session import OptimisedSession
+    from runtime.record.recorder import can_ask
+    from runtime.record.report import summary
     from runtime.session.prepare import prepare
 
     prepared = prepare(request)
@@ -262,7 +262,7 @@ def comparison(result: Result, measure: float) -> list[str]:
 
     measure : duration of each measurement in s
     """
-    from runtime.optimisation.intervals import of_conditions
+    from runtime.experiments.optimisation.intervals import of_conditions
 
     files = [file["path"] for file in result.recording.get("files", [])]
     recording, sidecar = (next((path for path in files if path.endswith(kind)), None) for kind in (".mcap", ".json"))
@@ -279,8 +279,8 @@ def comparison(result: Result, measure: float) -> list[str]:
 
 def virtual(request: Request, options: Namespace) -> int:
     """Optimise on the simulated wearer in virtual time. Returns the exit code."""
-    from runtime.diagrams.recorded_signals import PLANT
-    from runtime.optimisation.virtual import optimise
+    from runtime.experiments.optimisation.virtual import optimise
+    from runtime.robot.loading.recorded_signals import PLANT
 
     options.no_confirm = True
     signals = [name.removeprefix("signal:") for name in (options.cost, options.strides or "")]
@@ -296,7 +296,7 @@ def virtual(request: Request, options: Namespace) -> int:
 
 def outcome(path: str) -> list[str]:
     """Return lines on the state file and its picture."""
-    from runtime.optimisation.picture import write
+    from runtime.experiments.optimisation.picture import write
 
     finished = json.loads(Path(path).read_text())["finished"]
     lines = [f"optimisation: {path}" + f"; --resume {path} continues" * (not finished)]

@@ -10,10 +10,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from runtime.base.errors import BadInput
-from runtime.base.options import count
-from runtime.base.suggestions import unknown_option
-from runtime.console.terminal import print_lines, program
+from runtime.host.console.terminal import print_lines, program
+from runtime.host.errors import BadInput
+from runtime.host.options import count
+from runtime.host.suggestions import unknown_option
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -102,7 +102,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_options(parser: Parser, kind: type[Request], *names: str, in_sections: bool = False, **changes: Any) -> None:
-    """Add options that the fields of a dataclass declare with runtime.base.options.option.
+    """Add options that the fields of a dataclass declare with runtime.host.options.option.
 
     names : of the fields
     in_sections : whether the help lists the options by section

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.analysis import pictures
-from runtime.base.errors import OK, BadInput
 from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
-from runtime.console.progress import Progress
-from runtime.console.terminal import print_lines
-from runtime.recording.parts import newest
+from runtime.host.console.progress import Progress
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import OK, BadInput
+from runtime.record.analysis import pictures
+from runtime.record.storage.parts import newest
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from runtime.base import replaced_file
-from runtime.base.ending import Interrupted, handled
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import host_and_port
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import print_lines, program
-from runtime.recording.files import create
+from runtime.host import replaced_file
+from runtime.host.console.terminal import print_lines, program
+from runtime.host.ending import Interrupted, handled
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import host_and_port
+from runtime.record.storage.files import create
 from runtime.session.request import Request
 
 DUMMY = [
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
             {"host": "127.0.0.1", "port": 9870},
         )
     else:
-        from runtime.recorder.plotjuggler_layout import columns
+        from runtime.record.recorder.plotjuggler_layout import columns
 
         name, rate, signals, block = columns(options.file, options.settings, options.rate)
         # the columns are selected already
@@ -77,7 +77,7 @@ def write(name: str, signals: Sequence[dict[str, Any]], parameters: dict[str, An
     parameters : of the PlotJuggler block
     output : file from -o, or None
     """
-    from runtime.recorder.plotjuggler_layout import address, layout
+    from runtime.record.recorder.plotjuggler_layout import address, layout
 
     text = layout(name, signals, parameters["host"], parameters["port"])
     try:
@@ -102,7 +102,7 @@ def stream(
     name: str, rate: float, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], duration: float | None
 ) -> int:
     """Send sine waves, each signal at a frequency of its own."""
-    from runtime.recorder.services.plotjuggler import PlotJugglerSender
+    from runtime.record.recorder.services.plotjuggler import PlotJugglerSender
 
     sender = PlotJugglerSender(
         {"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals}

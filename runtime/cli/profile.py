@@ -7,9 +7,9 @@ from pathlib import Path
 from runtime.cli import drawing
 from runtime.cli.parsing import Parser, add_options, instance
 from runtime.cli.run import carried_out, profiled
-from runtime.console.terminal import print_lines
-from runtime.report import summary
-from runtime.report.profile import picture
+from runtime.host.console.terminal import print_lines
+from runtime.record.report import summary
+from runtime.record.report.profile import picture
 from runtime.session.request import Request
 
 

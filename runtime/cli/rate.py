@@ -10,21 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graph.budget import frame_bits
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.options import count, number
-from runtime.base.replaced_file import replaced
-from runtime.bench.rate.robot import ACTUATORS_LIMIT
-from runtime.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.progress import Progress
-from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.host.console.progress import Progress
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.options import count, number
+from runtime.host.replaced_file import replaced
 from runtime.session.request import Request
+from runtime.setup.bench.rate.robot import ACTUATORS_LIMIT
+from runtime.setup.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from runtime.bench.rate.steps import Step
-    from runtime.rig.file import RigFile
+    from runtime.robot.rig.file import RigFile
+    from runtime.setup.bench.rate.steps import Step
 
 STEP_DURATION, PAPER_STEP_DURATION, PAPER_VALIDATION_DURATION = 2.0, 60.0, 300.0  # s
 BITRATE = 1e6  # bit/s
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parse(arguments)
     rig = None
     if options.rig is not None:
-        from runtime.rig import read
+        from runtime.robot.rig import read
 
         rig = read(options.rig)
         if len(rig.buses) != 1:
@@ -203,8 +203,8 @@ def one(
     bitrate : bit/s
     confirmed : whether the operator has confirmed before
     """
-    from runtime.bench.rate.robot import robot
-    from runtime.bench.rate.steps import OnRig, Simulated
+    from runtime.setup.bench.rate.robot import robot
+    from runtime.setup.bench.rate.steps import OnRig, Simulated
 
     simulated = Simulated(make, ids, bitrate, options.seconds, options.upper_zero)
     attempt = (
@@ -243,7 +243,7 @@ def _validation(row: Result) -> str:
 
 
 def _picture(options: Namespace, results: Sequence[Result]) -> None:
-    from runtime.bench.rate.picture import draw
+    from runtime.setup.bench.rate.picture import draw
 
     try:
         with replaced(options.picture) as file:

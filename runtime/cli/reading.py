@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from runtime.analysis.trial import Trial
-from runtime.console.terminal import print_to_stderr
+from runtime.host.console.terminal import print_to_stderr
+from runtime.record.analysis.trial import Trial
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from runtime.console.progress import Progress
+    from runtime.host.console.progress import Progress
 
 
 def read(path: Path, progress: Progress, first: float, last: float) -> Trial:
     """Open a recording, check it and report any damage. Returns a Trial.
 
-    progress : runtime.console.progress.Progress
+    progress : runtime.host.console.progress.Progress
     first, last : share of the progress before and after the check
 
     Raises BadInput if the file is not a recording.

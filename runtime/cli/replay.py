@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.base.errors import CHECK_FAILED, OK
-from runtime.base.options import folder
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import one_line, print_lines
-from runtime.report.replay import text
+from runtime.host.console.terminal import one_line, print_lines
+from runtime.host.errors import CHECK_FAILED, OK
+from runtime.host.options import folder
+from runtime.record.report.replay import text
 from runtime.session.replay import opened, replay
 from runtime.session.replay_source import source_of
 

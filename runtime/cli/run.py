@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
-from runtime.console.terminal import print_lines, print_to_stderr, program, reopen_streams
+from runtime.host.console.terminal import print_lines, print_to_stderr, program, reopen_streams
+from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
     from runtime.session.request import Request
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code of the run, as of runtime.report.summary.exit_code."""
-    from runtime.report import summary
+    """Run the command. Returns the exit code of the run, as of runtime.record.report.summary.exit_code."""
+    from runtime.record.report import summary
 
     result = carried_out(parse_run(arguments))
     if result.request.report is not None:
@@ -45,9 +45,9 @@ def carried_out(request: Request) -> Result:
 
 def concluded(session: Session) -> Result:
     """Carry out a Session and print its problems. Returns its Result."""
-    from runtime.machine.realtime import RealtimeRefused
-    from runtime.recorder import RecorderError
-    from runtime.report import summary
+    from runtime.host.machine.realtime import RealtimeRefused
+    from runtime.record.recorder import RecorderError
+    from runtime.record.report import summary
 
     try:
         result = session.carry_out()
@@ -64,7 +64,7 @@ def concluded(session: Session) -> Result:
 def profiled(result: Result) -> list[str]:
     """Return the lines of the profile of a run."""
     from cext.clock.stopwatch import time_of_lap
-    from runtime.report.profile import table
+    from runtime.record.report.profile import table
 
     return table(result, time_of_lap())
 

@@ -8,22 +8,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.base import replaced_file
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.parsing import Parser, add_bus
-from runtime.commissioning import imus, ports_inventory, scan_text
-from runtime.commissioning.bus import ToolBus, named_buses
-from runtime.commissioning.chips import look
-from runtime.commissioning.scan import clock, plain, scan
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.rig.errors import Refused
-from runtime.rig.file import I2C
+from runtime.host import replaced_file
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.options import TIME_LIMIT, number
+from runtime.robot.rig.errors import Refused
+from runtime.robot.rig.file import I2C
+from runtime.setup.commissioning import imus, ports_inventory, scan_text
+from runtime.setup.commissioning.bus import ToolBus, named_buses
+from runtime.setup.commissioning.chips import look
+from runtime.setup.commissioning.scan import clock, plain, scan
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from runtime.rig.file import RigBus
+    from runtime.robot.rig.file import RigBus
 
 ID_LIMIT = 255
 

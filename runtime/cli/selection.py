@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from runtime.analysis.conditions import conditions
-from runtime.base.errors import BadInput
-from runtime.base.options import count
+from runtime.host.errors import BadInput
+from runtime.host.options import count
+from runtime.record.analysis.conditions import conditions
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from runtime.analysis.conditions import Condition
-    from runtime.analysis.trial import Trial
     from runtime.cli.parsing import Parser
+    from runtime.record.analysis.conditions import Condition
+    from runtime.record.analysis.trial import Trial
 
 OPTIONS = ("events", "between", "last", "per_kg")
 

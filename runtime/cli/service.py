@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from runtime.base.errors import OK, BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.diagrams.file import compiled, load
-from runtime.rig import read, require_acceptance, require_ranges, require_supply
-from runtime.rig.poses import Poses
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.errors import OK, BadInput
+from runtime.robot.loading.file import compiled, load
+from runtime.robot.rig import read, require_acceptance, require_ranges, require_supply
+from runtime.robot.rig.poses import Poses
 from runtime.session.prepare import adapt, arming_slot
 from runtime.session.request import Request
 from runtime.session.service_unit import unit

@@ -7,18 +7,18 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import settings
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import print_lines, program
-from runtime.live import table
-from runtime.live.requests import changes_of
-from runtime.live.running import page_of, runs
-from runtime.live.sending import batches, send, stop
+from runtime.host.console.terminal import print_lines, program
+from runtime.host.errors import OK, BadInput
+from runtime.host.live import table
+from runtime.host.live.requests import changes_of
+from runtime.host.live.running import page_of, runs
+from runtime.host.live.sending import batches, send, stop
+from runtime.host.options import settings
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
-    from runtime.live.table import Parameter, Table
+    from runtime.host.live.table import Parameter, Table
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -10,22 +10,22 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from blocks.families import example_models, families
-from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.configure import drive_id
 from runtime.cli.move import add_model, model_of
 from runtime.cli.parsing import Parser, add_bus, add_options
-from runtime.commissioning.bus import i2c_bus, opened, single_bus
-from runtime.commissioning.streaming import Watched, stream
-from runtime.console.terminal import print_lines
-from runtime.recording.files import make_folder
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.options import TIME_LIMIT, number
+from runtime.record.storage.files import make_folder
 from runtime.session.request import Request
+from runtime.setup.commissioning.bus import i2c_bus, opened, single_bus
+from runtime.setup.commissioning.streaming import Watched, stream
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from graph.family import Node
-    from runtime.commissioning.streaming import StreamResult
+    from runtime.setup.commissioning.streaming import StreamResult
 
 RATE_LIMIT = 500.0  # Hz; each query waits for its reply
 EPILOG = """\
@@ -111,7 +111,7 @@ def add_showing(parser: Parser) -> None:
 def show(watched: Any, name: str, options: Namespace) -> StreamResult:
     """Stream to the viewers that the options name. Returns the counts.
 
-    watched : as of runtime.commissioning.streaming.stream
+    watched : as of runtime.setup.commissioning.streaming.stream
     name : of the device in files
     """
     try:
@@ -136,7 +136,7 @@ def _comma_separated(text: str) -> tuple[str, ...]:
 
 def imu(arguments: Sequence[str]) -> int:
     """Run `stream imu`: sensors selected by the last digits of their serial numbers. Returns the exit code."""
-    from runtime.commissioning.imus import WatchedImus
+    from runtime.setup.commissioning.imus import WatchedImus
 
     kinds = [kind for family in families() for kind in family.sensors]
     names = " and ".join(f"{kind.sensor}s" for kind in kinds)
@@ -181,7 +181,7 @@ def imu(arguments: Sequence[str]) -> int:
 
 def node(kind: Node, arguments: Sequence[str]) -> int:
     """Run `stream NAME`: one sensor on a CAN bus, by its source address. Returns the exit code."""
-    from runtime.commissioning.watched_node import WatchedNode
+    from runtime.setup.commissioning.watched_node import WatchedNode
 
     parser = Parser(
         f"stream {kind.name.lower()}",
@@ -218,7 +218,7 @@ def node(kind: Node, arguments: Sequence[str]) -> int:
 
 def i2c(arguments: Sequence[str]) -> int:
     """Run `stream i2c`: sensors on an I2C bus, by their addresses. Returns the exit code."""
-    from runtime.commissioning.watched_chips import WatchedChips, chip_names, place_of
+    from runtime.setup.commissioning.watched_chips import WatchedChips, chip_names, place_of
 
     parser = Parser("stream i2c", f"Configure {', '.join(chip_names())} and show them live. Press Ctrl-C to end.")
     parser.add_argument(

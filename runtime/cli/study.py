@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from runtime.base.ending import Interrupted
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import count as whole_number
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.optimisation import description, simulated
-from runtime.optimisation.description import Optimisation
-from runtime.studies.description import Study, described, read
-from runtime.studies.run import journal_of, run
+from runtime.experiments.optimisation import description, simulated
+from runtime.experiments.optimisation.description import Optimisation
+from runtime.experiments.studies.description import Study, described, read
+from runtime.experiments.studies.run import journal_of, run
+from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.ending import Interrupted
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import count as whole_number
 
 EPILOG = """\
 example of a study:

@@ -13,16 +13,16 @@ from blocks.thermal import ThermalModel, loss_of_rating
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import TorqueBound
-from runtime.diagrams.recorded_signals import everything
-from runtime.rig.battery import continuous_current, overloads, peak_current, supply_current, windings
-from runtime.rig.errors import CODES
+from runtime.robot.loading.recorded_signals import everything
+from runtime.robot.rig.battery import continuous_current, overloads, peak_current, supply_current, windings
+from runtime.robot.rig.errors import CODES
 from runtime.session.memory_trial import table
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule, Winding
     from graph.compilation import Compilation
-    from runtime.diagrams.simulation import Simulation
-    from runtime.rig.battery import Battery
+    from runtime.robot.loading.simulation import Simulation
+    from runtime.robot.rig.battery import Battery
 
 UNBOUND = TorqueBound("none")
 SETTLING_TIME, SIMULATED_TIME = 10.0, 20.0  # s of the simulation: left out, and averaged

@@ -17,15 +17,15 @@ from graph.compiler import examine
 from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
-from runtime.base.errors import BadInput
-from runtime.console.styles import console_for, place
-from runtime.diagrams.file import blamed, load
-from runtime.diagrams.recorded_signals import select_recorded
-from runtime.diagrams.simulation import Simulation
-from runtime.report.check import text
-from runtime.report.failure_coverage import coverage
-from runtime.rig import read, require_ranges, require_supply
-from runtime.rig.poses import Poses
+from runtime.host.console.styles import console_for, place
+from runtime.host.errors import BadInput
+from runtime.record.report.check import text
+from runtime.record.report.failure_coverage import coverage
+from runtime.robot.loading.file import blamed, load
+from runtime.robot.loading.recorded_signals import select_recorded
+from runtime.robot.loading.simulation import Simulation
+from runtime.robot.rig import read, require_ranges, require_supply
+from runtime.robot.rig.poses import Poses
 from runtime.session import battery
 from runtime.session.preflight import stop_of
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from graph.caveats import Caveat
     from graph.compilation import Compilation
     from graph.schedule import Proof, Step
-    from runtime.diagrams.overrides import Settings
+    from runtime.robot.loading.overrides import Settings
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null: no bound.
   diagram, file, rate, ok  name; path; Hz; true without errors

@@ -16,11 +16,11 @@ import numpy as np
 
 from cext.safety.newest_row import NewestRow
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput, RunFault
-from runtime.base.suggestions import suggestion
-from runtime.live import table
-from runtime.live.requests import as_text, changes_of
+from runtime.host.errors import BadInput, RunFault
+from runtime.host.live import table
+from runtime.host.live.requests import as_text, changes_of
+from runtime.host.suggestions import suggestion
+from runtime.record.analysis.trial import Trial
 from runtime.session.own_process import RunProcess
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graph.store import to_json
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput
-from runtime.recorder.report import ending
+from runtime.host.errors import BadInput
+from runtime.record.analysis.trial import Trial
+from runtime.record.recorder.report import ending
 from runtime.session.recording_plan import limits
 
 if TYPE_CHECKING:

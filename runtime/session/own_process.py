@@ -27,13 +27,13 @@ from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import STOP_UNATTENDED
 from cext.schedule.mailbox_writer import Writer
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
-from runtime.base.suggestions import unknown_option
-from runtime.console.cell import in_cell
-from runtime.console.confirm import discard_typed
-from runtime.live.requests import as_text
-from runtime.live.running import page_of
+from runtime.host.console.cell import in_cell
+from runtime.host.console.confirm import discard_typed
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, BadInput
+from runtime.host.live.requests import as_text
+from runtime.host.live.running import page_of
+from runtime.host.suggestions import unknown_option
+from runtime.record.analysis.trial import Trial
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ BOOT = """
 import fcntl, signal, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 sys.path[:1] = [sys.argv.pop(1)]
-from runtime.base import ending
+from runtime.host import ending
 ending.leave_on_signals()
 signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 import cext, graph, blocks, runtime.__main__

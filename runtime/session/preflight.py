@@ -1,7 +1,7 @@
 """The pre-flight table: the first sample and the safe stop of every device.
 
 The control process makes it as plain data between two rounds of arming. The recorder, which owns the terminal, prints
-it (runtime.report.preflight), and the operator confirms it before a drive is enabled.
+it (runtime.record.report.preflight), and the operator confirms it before a drive is enabled.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from graph import Actuator
 from graph.caveats import in_words
 from graph.signal import Signal
-from runtime.report.failure_coverage import coverage
+from runtime.record.report.failure_coverage import coverage
 
 if TYPE_CHECKING:
     import numpy as np
 
     from graph import Device, Diagram, Schedule
-    from runtime.rig.poses import Poses
+    from runtime.robot.rig.poses import Poses
 
 OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
 NOT_SET = (None, (), "")  # values of a parameter that a diagram leaves to the rig
@@ -33,7 +33,7 @@ class Preflight:
     interfaces : {bus: (interface, channel)}
     confirm : whether the operator confirms the table; or the signal that confirms it, as of --arm-on
     granted : texts, the real-time privileges of the guardian
-    poses : runtime.rig.poses.Poses, or None
+    poses : runtime.robot.rig.poses.Poses, or None
     """
 
     def __init__(

@@ -9,14 +9,14 @@ from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
 from blocks.sinks import PlotJuggler, Rerun
 from graph import Device, Diagram, Schedule
-from runtime.base.errors import BadInput
-from runtime.base.suggestions import suggestion
-from runtime.diagrams.file import compiled, load
-from runtime.diagrams.overrides import set_seeds
-from runtime.diagrams.simulation import Simulation
-from runtime.recorder import can_ask
-from runtime.rig import RigBuses, read, require_acceptance, require_ranges, require_supply
-from runtime.rig.poses import Poses
+from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
+from runtime.record.recorder import can_ask
+from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.overrides import set_seeds
+from runtime.robot.loading.simulation import Simulation
+from runtime.robot.rig import RigBuses, read, require_acceptance, require_ranges, require_supply
+from runtime.robot.rig.poses import Poses
 from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
 

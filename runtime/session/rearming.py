@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.safety import Rearm
 from cext.safety.shared_state import RECORD_EVENT
-from runtime.report.fault import explain, what
+from runtime.record.report.fault import explain, what
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState

@@ -15,12 +15,12 @@ from blocks.states import StateMachine
 from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
-from runtime.recorder import can_ask
+from runtime.record.recorder import can_ask
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule
     from graph.schedule import SinkColumns
-    from runtime.machine.realtime import Realtime
+    from runtime.host.machine.realtime import Realtime
     from runtime.session.prepare import Prepared
     from runtime.session.request import Request
 
@@ -28,7 +28,7 @@ ROW_SECONDS = 2.5  # s of a run that the ring holds at least
 FRAME_BYTES = 88  # of a frame in the ring
 FRAMES = {"can": 4}  # per device and tick; OTHER_FRAMES for any other medium
 OTHER_FRAMES = 16
-LOCAL_SERVICES = ("strides",)  # of runtime.recorder.local, without a process
+LOCAL_SERVICES = ("strides",)  # of runtime.record.recorder.local, without a process
 FIELD_LENGTH = 40  # characters of a trial's field in the names of files
 
 

@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any
 
 from cext.schedule.outcome import Outcome
 from graph.store import to_json
-from runtime.analysis.compare import Comparison
-from runtime.analysis.trial import Trial
-from runtime.base.ending import uninterrupted
-from runtime.base.errors import BadInput
-from runtime.console.progress import Progress
-from runtime.console.terminal import one_line
-from runtime.diagrams.file import compiled
-from runtime.recorder import RecorderError, RecorderProcess
-from runtime.recorder.local import LocalRecorder
+from runtime.host.console.progress import Progress
+from runtime.host.console.terminal import one_line
+from runtime.host.ending import uninterrupted
+from runtime.host.errors import BadInput
+from runtime.record.analysis.compare import Comparison
+from runtime.record.analysis.trial import Trial
+from runtime.record.recorder import RecorderError, RecorderProcess
+from runtime.record.recorder.local import LocalRecorder
+from runtime.robot.loading.file import compiled
 from runtime.session.prepare import Prepared
 from runtime.session.replay_comparison import ReplayComparison
 from runtime.session.replay_feed import Feed, payloads

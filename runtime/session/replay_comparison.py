@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from runtime.analysis.compare import Comparer, Comparison
+from runtime.record.analysis.compare import Comparer, Comparison
 
 LENGTH, FLAGS, DATA = 12, 13, 16  # bytes of a struct Frame
 FLAG_BITS, FD, CLASSIC_BYTES = 0b111, 0b100, 8

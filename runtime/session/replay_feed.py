@@ -8,9 +8,9 @@ import numpy as np
 
 from cext.bus.memory_bus import BusEnd
 from cext.bus.replay_bus import ReplayBus, ReplayClock
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput
-from runtime.recording.batches import FRAME, Batch
+from runtime.host.errors import BadInput
+from runtime.record.analysis.trial import Trial
+from runtime.record.storage.batches import FRAME, Batch
 
 FRAME_HEAD = 24  # bytes of FRAME before the struct Frame
 Receive = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
@@ -97,14 +97,14 @@ class Feed:
 
 
 def payloads(frames: np.ndarray) -> np.ndarray:
-    """Return frames as a uint8 array (n, bytes of a struct Frame). frames : array of runtime.recording.batches.FRAME"""
+    """Return frames, an array of runtime.record.storage.batches.FRAME, as uint8 (n, bytes of a struct Frame)."""
     return np.ascontiguousarray(frames).view(np.uint8).reshape(len(frames), FRAME.itemsize)[:, FRAME_HEAD:]
 
 
 def drained_before(frames: np.ndarray, rate: float) -> list[int]:
     """Return the times of the bus drains before tick 0, in ns from the start of the run.
 
-    frames : array of runtime.recording.batches.FRAME, the first of a recording
+    frames : array of runtime.record.storage.batches.FRAME, the first of a recording
     rate : Hz
     """
     arming = frames[frames["row"] == 0]

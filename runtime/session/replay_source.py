@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from blocks.recorders import CsvRecorder
 from graph import DiagramError, Sink
 from graph.store import from_json
-from runtime.base.errors import BadInput
-from runtime.diagrams.file import load
-from runtime.rig.file import parse
+from runtime.host.errors import BadInput
+from runtime.robot.loading.file import load
+from runtime.robot.rig.file import parse
 
 if TYPE_CHECKING:
     from graph import Diagram
-    from runtime.analysis.trial import Trial
+    from runtime.record.analysis.trial import Trial
 
 READ_SIZE = 1 << 20  # bytes
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")

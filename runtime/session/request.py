@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from graph.units import parse_quantity
-from runtime.base.errors import BadInput
-from runtime.base.options import (
+from runtime.host.errors import BadInput
+from runtime.host.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
+from runtime.host.options import (
     TIME_LIMIT,
     count,
     folder,
@@ -18,15 +19,14 @@ from runtime.base.options import (
     settings,
     trial_fields,
 )
-from runtime.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
-from runtime.recording.mcap_file import ZSTD as COMPRESSION
-from runtime.recording.mcap_file import compression_level
-from runtime.report.timing import overrun_policy, spin_window
+from runtime.record.report.timing import overrun_policy, spin_window
+from runtime.record.storage.mcap_file import ZSTD as COMPRESSION
+from runtime.record.storage.mcap_file import compression_level
 
 
 def _rerun_target(text: str) -> str:
-    from runtime.base.optional_dependencies import need
-    from runtime.recorder.rerun.target import parse
+    from runtime.host.optional_dependencies import need
+    from runtime.record.recorder.rerun.target import parse
 
     parse(text)
     if find_spec("rerun") is None:

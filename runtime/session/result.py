@@ -7,8 +7,8 @@ from typing import Any
 from cext.safety.shared_state import SharedState
 from cext.schedule.outcome import Outcome
 from cext.schedule.program import Program
-from runtime.machine.realtime import Realtime
-from runtime.report.held_exceptions import held
+from runtime.host.machine.realtime import Realtime
+from runtime.record.report.held_exceptions import held
 from runtime.session.prepare import Prepared
 
 
@@ -43,7 +43,7 @@ class Result(Prepared):
 
     @cached_property
     def held(self) -> list[dict[str, Any]]:
-        """The exceptions that blocks have held, as returned by runtime.report.held_exceptions.held."""
+        """The exceptions that blocks have held, as returned by runtime.record.report.held_exceptions.held."""
         return held(self.request.file, self.control, self.plant)
 
     @property

@@ -21,13 +21,13 @@ from cext.safety.terminal_keys import KeyReader
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, STOP_LIMIT, STOP_UNATTENDED
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from runtime.base.ending import ENDING_SIGNALS, raise_if_interrupted
-from runtime.base.system import processor_wait
-from runtime.live.table import describe
-from runtime.machine.realtime import PRIORITY, Realtime
-from runtime.machine.sleep import SleepInhibitor
-from runtime.recorder import RecorderProcess, can_ask
-from runtime.report.fault import explain
+from runtime.host.ending import ENDING_SIGNALS, raise_if_interrupted
+from runtime.host.live.table import describe
+from runtime.host.machine.realtime import PRIORITY, Realtime
+from runtime.host.machine.sleep import SleepInhibitor
+from runtime.host.system import processor_wait
+from runtime.record.recorder import RecorderProcess, can_ask
+from runtime.record.report.fault import explain
 from runtime.session.preflight import Preflight
 from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from cext.schedule.outcome import Outcome
-    from runtime.recorder.local import LocalRecorder
-    from runtime.rig import RigBuses
+    from runtime.record.recorder.local import LocalRecorder
+    from runtime.robot.rig import RigBuses
     from runtime.session.prepare import Prepared
 
     Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None  # as of signal.getsignal
@@ -106,7 +106,7 @@ class Session:
         """Return the recorder of the run: a process, or a LocalRecorder where nothing is recorded."""
         if needs_process(self.prepared):
             return RecorderProcess(self.page)
-        from runtime.recorder.local import LocalRecorder
+        from runtime.record.recorder.local import LocalRecorder
 
         return LocalRecorder(self.page)
 

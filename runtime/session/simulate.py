@@ -17,16 +17,16 @@ import numpy as np
 
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput, RunFault
-from runtime.base.suggestions import suggestion
-from runtime.diagrams.file import build, compiled, source
-from runtime.diagrams.overrides import restore, set_seeds
-from runtime.diagrams.recorded_signals import PLANT, everything
-from runtime.diagrams.simulation import Simulation
-from runtime.live.requests import as_text, changes_of
-from runtime.live.table import describe, parse
-from runtime.report.fault import explain
+from runtime.host.errors import BadInput, RunFault
+from runtime.host.live.requests import as_text, changes_of
+from runtime.host.live.table import describe, parse
+from runtime.host.suggestions import suggestion
+from runtime.record.analysis.trial import Trial
+from runtime.record.report.fault import explain
+from runtime.robot.loading.file import build, compiled, source
+from runtime.robot.loading.overrides import restore, set_seeds
+from runtime.robot.loading.recorded_signals import PLANT, everything
+from runtime.robot.loading.simulation import Simulation
 from runtime.session.memory_trial import check_memory, table, trial_of
 from runtime.session.prepare import ticks_of
 from runtime.session.request import Request
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from graph import Diagram, Schedule
     from graph.schedule import Column, SignalPlace
-    from runtime.diagrams.overrides import Replaced
+    from runtime.robot.loading.overrides import Replaced
 
 ROWS = 4096  # of a simulation without a duration, after which more memory is taken
 ENDED = "the simulation has ended: make another one with runtime.simulate"

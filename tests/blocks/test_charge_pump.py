@@ -21,7 +21,7 @@ from blocks.models import Limb
 from blocks.safety import EmergencyStop, Rearm
 from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, DiagramError, Output, compile
-from runtime.report.failure_coverage import coverage, in_words
+from runtime.record.report.failure_coverage import coverage, in_words
 from runtime.session.check import check, report_lines
 from tests.blocks.actuators.wire import MALFORMED, Wired
 from tests.blocks.running import player

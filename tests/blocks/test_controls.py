@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from blocks.controls import EmulatedControls, GameController, Keyboard
 from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
-from runtime.rig import evdev_line
-from runtime.rig.errors import Refused
+from runtime.robot.rig import evdev_line
+from runtime.robot.rig.errors import Refused
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import player, run
 

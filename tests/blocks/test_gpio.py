@@ -19,8 +19,8 @@ from blocks.actuators import CubeMars
 from blocks.gpio import EmulatedGpio, EStopSwitch, GpioInput, SyncIn, SyncOut
 from cext.lines.streams import Streams
 from graph import Diagram
-from runtime.rig import gpio_line
-from runtime.rig.errors import Refused
+from runtime.robot.rig import gpio_line
+from runtime.robot.rig.errors import Refused
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import player, run
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of

@@ -13,7 +13,7 @@ from graph import Device, Diagram
 from graph.block import Sink
 from graph.conformance import Drive
 from graph.signal import Signal
-from runtime.diagrams.catalog import libraries
+from runtime.robot.loading.catalog import libraries
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, plant_of
 

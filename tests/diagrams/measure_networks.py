@@ -20,8 +20,8 @@ from cext.schedule.program import Program
 from diagrams.networks import export
 from diagrams.networks.trials import RATE, trial
 from graph import Diagram, compile
-from runtime.bench.gait import CONDITIONS, Leg, play
 from runtime.session.simulate import simulate
+from runtime.setup.bench.gait import CONDITIONS, Leg, play
 from tests.blocks.wearer.measure import PERCENT, rows, stride, walk
 from tests.diagrams.networks import NAMES, Network, phase_error
 

@@ -16,11 +16,11 @@ import runtime
 from blocks.networks import OnnxModel
 from blocks.sensors import FSR
 from graph import Device
-from runtime.analysis import condition_picture, stride_picture
-from runtime.analysis.conditions import conditions
-from runtime.analysis.legs import legs
-from runtime.diagrams.draw import draw_file
-from runtime.diagrams.file import load
+from runtime.record.analysis import condition_picture, stride_picture
+from runtime.record.analysis.conditions import conditions
+from runtime.record.analysis.legs import legs
+from runtime.robot.loading.draw import draw_file
+from runtime.robot.loading.file import load
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS, path
 

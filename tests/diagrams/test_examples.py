@@ -5,7 +5,7 @@ import pytest
 
 import runtime
 from graph import compile
-from runtime.diagrams.file import load
+from runtime.robot.loading.file import load
 from tests.checkout import ROOT
 
 FOLDER = ROOT / "diagrams" / "examples"

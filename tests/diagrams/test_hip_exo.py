@@ -5,7 +5,7 @@ import pytest
 
 import runtime
 from graph import compile
-from runtime.diagrams.file import build_plant, load
+from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.runtime.runs import KNEE_EXO
 

@@ -11,7 +11,7 @@ from blocks.logic import Compare, Switch
 from blocks.sources import Sine
 from blocks.wearer import Walker
 from graph import Diagram, compile
-from runtime.diagrams.file import build_plant, load
+from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.runtime.runs import KNEE_EXO, TORQUE_STEP
 from tests.shared import shared

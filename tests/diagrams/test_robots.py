@@ -15,12 +15,12 @@ from blocks.logic import Compare
 from blocks.wearer import Walker
 from cext.fused import library
 from graph import Actuator, Device, Diagram, compile
-from runtime.base.errors import OK
-from runtime.diagrams.file import build_plant, load
+from runtime.host.errors import OK
+from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams import pages
 from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
-from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
 from tests.shared import shared
 

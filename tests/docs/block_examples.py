@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from graph import Actuator, Block, Device, Signal, Sink, units
-from runtime.diagrams.catalog import import_line, libraries
+from runtime.robot.loading.catalog import import_line, libraries
 from tests.blocks.examples import EXAMPLES
 from tests.docs.pages import ROOT
 from tests.docs.shown import RATE, SHOWN, Shown

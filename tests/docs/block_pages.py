@@ -9,7 +9,7 @@ import textwrap
 import blocks
 from graph.drawing import draw, svg
 from graph.drawing.cards import documentation, port_card, summary, unit_text
-from runtime.diagrams.catalog import class_card, family_of, import_line, libraries
+from runtime.robot.loading.catalog import class_card, family_of, import_line, libraries
 from tests.docs import block_examples, responses
 from tests.docs.pages import DOCS
 

@@ -4,9 +4,9 @@ import re
 import shlex
 from unittest import mock
 
-from runtime.base.errors import BadInput
 from runtime.cli.main import command
 from runtime.cli.parsing import Parser
+from runtime.host.errors import BadInput
 
 LINE = re.compile(r"python -m runtime ((?:[^`\n\\]|\\\n)*)")
 INCOMPLETE = ("missing argument", "no diagram file", "no recording", "one of the arguments", "expected stream")

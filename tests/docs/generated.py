@@ -10,7 +10,7 @@ from unittest import mock
 
 from graph import diagnostics
 from runtime.cli.main import GROUPS, main
-from runtime.rig import errors
+from runtime.robot.rig import errors
 from tests.docs import block_pages
 from tests.docs.pages import DOCS, anchors
 
@@ -19,17 +19,17 @@ MODULES = {  # module: contents
     "graph": "diagrams, blocks and devices",
     "graph.conformance": "the test that every block must pass",
     "runtime": "functions that run, check, study and optimise a diagram, and load a recording",
-    "runtime.analysis.trial": "one recording: its signals, strides, plots and table",
-    "runtime.analysis.trials": "several recordings as one table",
+    "runtime.record.analysis.trial": "one recording: its signals, strides, plots and table",
+    "runtime.record.analysis.trials": "several recordings as one table",
     "runtime.session.simulate": "a simulation that the caller advances step by step",
-    "runtime.studies.result": "the result of a study",
-    "runtime.optimisation.result": "the result of an optimisation in simulation",
+    "runtime.experiments.studies.result": "the result of a study",
+    "runtime.experiments.optimisation.result": "the result of an optimisation in simulation",
 }
 SHOWN = {  # module: its names for users; all public names of the other modules
     "graph.conformance": ["check_block"],
     "runtime.session.simulate": ["SimulatedRun"],
-    "runtime.studies.result": ["StudyResult"],
-    "runtime.optimisation.result": ["OptimisationResult"],
+    "runtime.experiments.studies.result": ["StudyResult"],
+    "runtime.experiments.optimisation.result": ["OptimisationResult"],
 }
 INHERITED = ("Trial", "OptimisationResult")  # classes whose page lists the members of their base class
 SPECIAL = ("__getitem__", "__setitem__")

@@ -7,8 +7,8 @@ import matplotlib
 import numpy as np
 
 import runtime
-from runtime.analysis import picture
-from runtime.analysis.picture import BLUE, GREEN, INK, ORANGE
+from runtime.record.analysis import picture
+from runtime.record.analysis.picture import BLUE, GREEN, INK, ORANGE
 
 NAME = "exoskeleton.svg"
 MARGIN = 24  # px

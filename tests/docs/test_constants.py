@@ -15,18 +15,18 @@ from cext.safety import thresholds
 from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from graph.conformance import check_block
 from graph.declarations import RAMP_TIME
-from runtime.analysis import average_stride
-from runtime.base import errors
 from runtime.cli import optimise
-from runtime.commissioning.calibration import fits, stillness
-from runtime.emulation import priority
-from runtime.guardian import wires
-from runtime.machine import realtime
-from runtime.optimisation import costs, description, metabolic, protocol
-from runtime.recorder import process, status, writer
-from runtime.recorder.services import rerun
-from runtime.recording import files, grouping, mcap_file
+from runtime.experiments.optimisation import costs, description, metabolic, protocol
+from runtime.host import errors
+from runtime.host.machine import realtime
+from runtime.record.analysis import average_stride
+from runtime.record.recorder import process, status, writer
+from runtime.record.recorder.services import rerun
+from runtime.record.storage import files, grouping, mcap_file
+from runtime.robot.emulation import priority
+from runtime.robot.guardian import wires
 from runtime.session import own_process
+from runtime.setup.commissioning.calibration import fits, stillness
 from tests.checkout import ROOT
 from tests.docs.block_pages import homes
 from tests.docs.pages import NAMES

@@ -20,10 +20,10 @@ from blocks.states import StateMachine
 from blocks.thermal import COPPER, RISE, ThermalModel
 from blocks.wearer import Cuff, Walker
 from graph import Diagram, subsystem
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput
-from runtime.optimisation.result import OptimisationResult
-from runtime.studies.result import StudyResult
+from runtime.experiments.optimisation.result import OptimisationResult
+from runtime.experiments.studies.result import StudyResult
+from runtime.host.errors import BadInput
+from runtime.record.analysis.trial import Trial
 from tests.checkout import ROOT
 
 SHORTER = {

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.rig.file import parse
+from runtime.robot.rig.file import parse
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS
 from tests.docs import compatibility, energy, parts

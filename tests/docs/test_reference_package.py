@@ -11,7 +11,7 @@ import pytest
 import runtime
 from blocks.families import find_model
 from graph import Block
-from runtime.analysis.trial import Trial
+from runtime.record.analysis.trial import Trial
 from tests.checkout import ROOT
 from tests.docs.block_pages import homes
 from tests.docs.command_lines import refusal, words

@@ -47,9 +47,9 @@ def test_names_of_blocks_link_to_their_pages(site):
 
 
 def test_page_of_a_trial_lists_the_inherited_members(site):
-    page = (site / "api" / "python" / "runtime.analysis.trial.html").read_text()
+    page = (site / "api" / "python" / "runtime.record.analysis.trial.html").read_text()
     for name in ("__getitem__", "fault", "strides", "time", "unit"):
-        assert f'id="runtime.analysis.trial.Trial.{name}"' in page
+        assert f'id="runtime.record.analysis.trial.Trial.{name}"' in page
 
 
 def test_versions_are_listed_newest_first(tmp_path):

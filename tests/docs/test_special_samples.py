@@ -13,12 +13,12 @@ import pytest
 import runtime
 from blocks.actuators import CubeMars
 from graph import dialogue, family
-from runtime.base.signed_datagrams import Receiver
+from runtime.host.signed_datagrams import Receiver
 from tests.checkout import ROOT
 from tests.docs.fences import agree, fences
 from tests.docs.pages import NAMES
 from tests.docs.tutorial import plain
-from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import finished, started
 from tests.runtime.terminals import Terminal
 from tests.runtime.test_documents import shown_after
@@ -37,13 +37,13 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
     "docs/how_to/notebooks.md": ("docs.test_special_samples.test_a_notebook_runs_a_file_in_real_time",),
     "docs/how_to/optimisation.md": ("docs.test_special_samples.test_the_optimisation_from_python_has_an_optimum",),
     "docs/reference/rate.md": (
-        "runtime.emulation.test_gpio_server.test_the_emergency_stop_of_the_page_is_pressed_by_its_program",
+        "runtime.robot.emulation.test_gpio_server.test_the_emergency_stop_of_the_page_is_pressed_by_its_program",
     ),
     "docs/reference/recordings.md": (
         "runtime.test_documents.test_examples_of_the_recordings_page_have_the_documented_output",
     ),
     "docs/reference/rigs.md": (
-        "runtime.rig.test_page.test_sender_of_the_page_reads_as_released_button",
+        "runtime.robot.rig.test_page.test_sender_of_the_page_reads_as_released_button",
         "docs.test_special_samples.test_the_signed_sender_of_the_page_is_accepted",
     ),
     "docs/reference/running.md": ("runtime.test_documents.test_commands_of_the_pages_run",) * 2,

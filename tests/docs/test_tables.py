@@ -10,11 +10,11 @@ import pytest
 
 from graph import Param
 from runtime.cli.main import COMMANDS
-from runtime.live import table
-from runtime.recorder import panel
-from runtime.rig.battery import Battery
-from runtime.rig.file import KEYS
-from runtime.studies import objectives
+from runtime.experiments.studies import objectives
+from runtime.host.live import table
+from runtime.record.recorder import panel
+from runtime.robot.rig.battery import Battery
+from runtime.robot.rig.file import KEYS
 from tests.checkout import ROOT
 from tests.docs.pages import NAMES
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from tests.checkout import ROOT
 from tests.docs import notebook, readme
 from tests.docs.fences import DATE, agree, fences, same_text
-from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import environment, started
 from tests.runtime.terminals import Terminal
 

@@ -16,7 +16,7 @@ from blocks.mathematics import Gain, Sum
 from blocks.safety import EmergencyStop
 from blocks.sources import Constant, Sine, StepSource
 from graph import Diagram, DiagramError, Live, compile, deg
-from runtime.diagrams.file import load
+from runtime.robot.loading.file import load
 from tests.graph.complaints import here
 from tests.runtime.runs import ROOT
 

@@ -7,8 +7,8 @@ import pytest
 from blocks.controllers import PID
 from blocks.limiters import Saturation, TemperatureDerating
 from graph import Block, Diagram, DiagramError, Interval, Live, Output, Param, compile
-from runtime.base.errors import BadInput
-from runtime.diagrams.overrides import restore, set_block_parameters
+from runtime.host.errors import BadInput
+from runtime.robot.loading.overrides import restore, set_block_parameters
 
 
 class Gait(Block):

@@ -9,7 +9,7 @@ from graph import compile
 
 
 def newest(diagram, interface, ticks):
-    """{path: value} of the last of so many ticks, on a runtime.rig.i2c.I2cInterface, which is closed then."""
+    """{path: value} of the last of so many ticks, on a runtime.robot.rig.i2c.I2cInterface, which is closed then."""
     schedule = compile(diagram)
     page = SharedState(1 << 20)
     interface.start(0)

@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from tests.hardware.vcan import needs_vcan
-from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import KNEE_EXO, finished, started
 
 pytestmark = [needs_vcan, pytest.mark.soak]

@@ -23,11 +23,11 @@ from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, StreamDevice, compile
-from runtime.commissioning import ports_inventory
-from runtime.guardian.relay import Relay
-from runtime.rig.errors import Refused
-from runtime.rig.gpio_line import opened
-from runtime.rig.streams import StreamLines
+from runtime.robot.guardian.relay import Relay
+from runtime.robot.rig.errors import Refused
+from runtime.robot.rig.gpio_line import opened
+from runtime.robot.rig.streams import StreamLines
+from runtime.setup.commissioning import ports_inventory
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 

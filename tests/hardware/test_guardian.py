@@ -12,8 +12,8 @@ import pytest
 from tests.hardware.drives import Drives, is_answer
 from tests.hardware.test_socketcan import spare  # noqa: F401
 from tests.hardware.vcan import Node, ip, needs_own_kernel, needs_vcan
-from tests.runtime.guardian.bus import guardian_of
-from tests.runtime.guardian.test_every_fault import ROBOT
+from tests.runtime.robot.guardian.bus import guardian_of
+from tests.runtime.robot.guardian.test_every_fault import ROBOT
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, after_asking, knee, started, write
 
 pytestmark = [needs_vcan, pytest.mark.soak]

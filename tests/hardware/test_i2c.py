@@ -14,8 +14,8 @@ import pytest
 from blocks.imus import MPU9250
 from blocks.sensors import ADS1115
 from graph import Device, Diagram
-from runtime.rig.file import RigBus
-from runtime.rig.i2c import I2cInterface, SeveralRefused
+from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.i2c import I2cInterface, SeveralRefused
 from tests.hardware.reading import newest
 from tests.hardware.vcan import REQUIRED
 

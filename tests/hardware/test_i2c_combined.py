@@ -14,9 +14,9 @@ import pytest
 
 from blocks.imus import ICM20948, MPU9250
 from graph import Device, Diagram
-from runtime.rig.chips import KnownChips
-from runtime.rig.file import RigBus
-from runtime.rig.i2c import I2cInterface, SeveralRefused, open_adapter
+from runtime.robot.rig.chips import KnownChips
+from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.i2c import I2cInterface, SeveralRefused, open_adapter
 from tests.hardware.i2c_adapter import UserSpaceBus
 from tests.hardware.reading import newest
 from tests.hardware.vcan import REQUIRED

@@ -19,11 +19,11 @@ import pytest
 
 from cext.bus.socketcan import SocketCan
 from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
-from runtime.machine.probe import Machine
-from runtime.rig.buses import in_words
-from runtime.rig.errors import Refused
-from runtime.rig.file import RigBus
-from runtime.rig.interface import Interface
+from runtime.host.machine.probe import Machine
+from runtime.robot.rig.buses import in_words
+from runtime.robot.rig.errors import Refused
+from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.interface import Interface
 from tests.hardware.vcan import ERROR, EXTENDED, REMOTE, Node, ip, needs_own_kernel, needs_vcan
 
 pytestmark = needs_vcan

@@ -9,8 +9,8 @@ import time
 import pytest
 
 from tests.hardware.vcan import ERROR, Node, ip, needs_own_kernel, needs_vcan
-from tests.runtime.commissioning.nodes import DISABLE, Mit, Nodes, OpenImu, Private
 from tests.runtime.runs import finished
+from tests.runtime.setup.commissioning.nodes import DISABLE, Mit, Nodes, OpenImu, Private
 
 pytestmark = [needs_vcan, pytest.mark.soak]
 

@@ -64,7 +64,7 @@ EQUIVALENT = {
     "cext/schedule/devices.pyx watch: if device.fault >= 0 and arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
     "stands at 0",
-    "runtime/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
+    "runtime/robot/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
     "self.damped.values()), default=0) -> "
     "self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=1)": "1 ns more",
 }

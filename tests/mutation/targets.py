@@ -111,15 +111,15 @@ TARGETS = (
     ),
     Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/schedule/lifecycle",), STOPS),
     Target(
-        "runtime/guardian/stop.py",
+        "runtime/robot/guardian/stop.py",
         ("__init__", "step", "receive", "_judge"),
         (),
-        ("tests/runtime/guardian/test_safe_stop.py",),
+        ("tests/runtime/robot/guardian/test_safe_stop.py",),
     ),
     Target(
-        "runtime/guardian/process.py",
+        "runtime/robot/guardian/process.py",
         ("check_loop", "begin_stop", "carry", "receive"),
         (),
-        ("tests/runtime/guardian/test_carrying.py",),
+        ("tests/runtime/robot/guardian/test_carrying.py",),
     ),
 )

@@ -11,7 +11,7 @@ class Disagreement(Exception):
 def check(contender, reference):
     """Compare the sinks of two contenders. Raises Disagreement.
 
-    Besides what runtime.bench.measure expects, each has `sinks`: the values of the last tick, element by element.
+    Besides what runtime.setup.bench.measure expects, each has `sinks`: the values of the last tick, element by element.
     """
     for ticks in CHECKED_TICKS:
         contender.restart()

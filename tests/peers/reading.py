@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import runtime
-from runtime.export import parquet
-from runtime.recording import messages
+from runtime.record.export import parquet
+from runtime.record.storage import messages
 from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished
 
 SIGNAL, TOPIC = "left/knee.torque", "/left"

@@ -18,12 +18,12 @@ import psutil
 import runtime
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from runtime.diagrams.file import compiled, load
-from runtime.diagrams.simulation import Simulation
-from runtime.studies.cluster import Cluster
-from runtime.studies.description import Study
-from runtime.studies.engine import Here, Processes
-from runtime.studies.objectives import rms
+from runtime.experiments.studies.cluster import Cluster
+from runtime.experiments.studies.description import Study
+from runtime.experiments.studies.engine import Here, Processes
+from runtime.experiments.studies.objectives import rms
+from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.simulation import Simulation
 from tests.peers import netlists
 from tests.peers.tickwork import diagram_of, native_block
 

@@ -7,9 +7,9 @@ import socket
 import pytest
 
 from cext.bus.socketcan import SocketCan
-from runtime.bench.c_program import NoCompiler
-from runtime.bench.can_cost import ANSWERS, ends
-from runtime.studies.engine import Here
+from runtime.experiments.studies.engine import Here
+from runtime.setup.bench.c_program import NoCompiler
+from runtime.setup.bench.can_cost import ANSWERS, ends
 from tests.peers import netlists, python_can, reading, recording, study
 from tests.peers.__main__ import OURS, PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from runtime.base import child_process
-from runtime.base.errors import BAD_INPUT
 from runtime.cli.main import main
+from runtime.host import child_process
+from runtime.host.errors import BAD_INPUT
 from tests.runtime.runs import FORKING, environment
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 
 import runtime
-from runtime.recording.format import Frame
+from runtime.record.storage.format import Frame
 from tests.blocks.actuators import reference
 from tests.runtime.forked import Forked, Server
 

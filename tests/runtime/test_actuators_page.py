@@ -10,7 +10,7 @@ import pytest
 
 import runtime
 from blocks.families import find_model
-from runtime.base.errors import CHECK_FAILED, FAULT, OK
+from runtime.host.errors import CHECK_FAILED, FAULT, OK
 from tests.runtime.runs import ROOT, environment, finished, write
 from tests.runtime.test_documents import python_of
 

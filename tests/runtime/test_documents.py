@@ -10,9 +10,9 @@ from importlib.util import find_spec
 import pytest
 
 import runtime
-from runtime.base.errors import OK
-from runtime.bench import blocks
-from runtime.live.running import page_of
+from runtime.host.errors import OK
+from runtime.host.live.running import page_of
+from runtime.setup.bench import blocks
 from tests.docs.fences import agree, without_numbers
 from tests.peers import __main__ as peers
 from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, started, write

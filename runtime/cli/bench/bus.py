@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import count
-from runtime.bench import goals
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import count
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--kills", type=count("--kills"), default=100, metavar="N", help="runs to kill (default: 100)")
     add_options(parser)
     options = parser.parse_args(arguments)
-    from runtime.bench import bus, guardian_death
+    from runtime.setup.bench import bus, guardian_death
 
     report = Report(options.json)
     report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import count
-from runtime.bench import goals
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.bus import row, spread
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import count
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -27,8 +27,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_options(parser, seconds=2.0, repeats=5, seconds_limit=600.0)
     options = parser.parse_args(arguments)
-    from runtime.bench import can_cost
-    from runtime.bench.c_program import NoCompiler
+    from runtime.setup.bench import can_cost
+    from runtime.setup.bench.c_program import NoCompiler
 
     report = Report(options.json)
     report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())

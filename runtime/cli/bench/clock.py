@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import count
-from runtime.bench import goals
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import count
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from runtime.bench.report import Report
+    from runtime.setup.bench.report import Report
 
 RATES = (200, 1000, 2000)  # Hz
 
@@ -59,9 +59,9 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _keep_part(report: Report, rates: Sequence[int], options: Namespace, disturbed: bool) -> None:
-    from runtime.bench import clock
-    from runtime.bench.c_program import NoCompiler
-    from runtime.machine.realtime import RealtimeRefused
+    from runtime.host.machine.realtime import RealtimeRefused
+    from runtime.setup.bench import clock
+    from runtime.setup.bench.c_program import NoCompiler
 
     try:
         results = clock.measure(
@@ -97,7 +97,7 @@ def _keep_part(report: Report, rates: Sequence[int], options: Namespace, disturb
 
 
 def _cost_part(report: Report, ticks: int) -> None:
-    from runtime.bench import costs, recorder_cost
+    from runtime.setup.bench import costs, recorder_cost
 
     mcap, size = recorder_cost.measure(csv=False)
     busy, waited = costs.knee_minute()

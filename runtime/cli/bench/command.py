@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.base.errors import OK, BadInput
-from runtime.bench import goals
-from runtime.bench.measure import interleave, table
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench import bus, can, clock, gait, sensors, views
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.setup.bench import goals
+from runtime.setup.bench.measure import interleave, table
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 COMMANDS = {"bus": bus, "can": can, "clock": clock, "gait": gait, "sensors": sensors, "views": views}
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _tick_part(report: Report, seconds: float, repeats: int) -> None:
-    from runtime.bench import blocks
+    from runtime.setup.bench import blocks
 
     kinds = {"native blocks": blocks.NATIVE, "Python blocks": blocks.PYTHON}
     contenders = [blocks.Ticks(name, blocks.chain(kind)) for name, kind in kinds.items()]
@@ -59,7 +59,7 @@ def _tick_part(report: Report, seconds: float, repeats: int) -> None:
 
 
 def _compile_part(report: Report) -> None:
-    from runtime.bench import blocks
+    from runtime.setup.bench import blocks
 
     sizes = blocks.compiles()
     exponent, n_log_n = blocks.exponent(*sizes[-2:]), blocks.n_log_n(*sizes[-2:])
@@ -79,7 +79,7 @@ def _compile_part(report: Report) -> None:
 
 
 def _start_command(arguments: Sequence[str]) -> int:
-    from runtime.bench import starting
+    from runtime.setup.bench import starting
 
     parser = Parser("bench start", "Measure the time from the start of a process to its first tick, and its memory.")
     parser.add_argument(

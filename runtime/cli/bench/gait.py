@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from runtime.base.errors import OK, BadInput
-from runtime.base.options import number
-from runtime.bench import goals
-from runtime.bench.report import Report
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.host.options import number
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report
 
 FIGURES = ("missed", "invented", "median_ms", "p95_ms", "phase_rms_percent")
 
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_options(parser)
     options = parser.parse_args(arguments)
-    from runtime.bench import gait, gait_recordings
+    from runtime.setup.bench import gait, gait_recordings
 
     names = dict(text.split("=", 1) if "=" in text else (text, "") for text in options.signal)
     wrong = next((name for name in names if name not in _known(gait_recordings)), None)

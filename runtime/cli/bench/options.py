@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from runtime.base.options import count, number
+from runtime.host.options import count, number
 
 if TYPE_CHECKING:
     from runtime.cli.parsing import Parser

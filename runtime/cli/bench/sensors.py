@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from runtime.base.errors import OK, BadInput
-from runtime.bench import goals
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK, BadInput
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -19,8 +19,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_options(parser, seconds=2.0, repeats=5, realtime=True, seconds_limit=600.0)
     options = parser.parse_args(arguments)
-    from runtime.bench import i2c, sensors
-    from runtime.machine.realtime import RealtimeRefused
+    from runtime.host.machine.realtime import RealtimeRefused
+    from runtime.setup.bench import i2c, sensors
 
     report = Report(options.json)
     report.say(

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
-from runtime.base.errors import OK
-from runtime.bench import goals
-from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
+from runtime.host.errors import OK
+from runtime.setup.bench import goals
+from runtime.setup.bench.report import Report, machine, machine_lines
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -15,7 +15,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser("bench views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
     add_options(parser, seconds=5.0, repeats=6, realtime=True)
     options = parser.parse_args(arguments)
-    from runtime.bench import views, views_process
+    from runtime.setup.bench import views, views_process
 
     report = Report(options.json)
     what = (

@@ -6,8 +6,8 @@ import runtime
 from blocks.actuators import Actuator, CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT, actuators
 from graph import Diagram, DiagramError, compile
 from graph.store import from_json, to_json
-from runtime.base.errors import BadInput
-from runtime.diagrams.overrides import restore, set_block_parameters
+from runtime.host.errors import BadInput
+from runtime.robot.loading.overrides import restore, set_block_parameters
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 from blocks.gait import ContactEvents, GyroEvents, KneeEvents, ThighEvents
 from blocks.wearer import SoleForce, Walker
 from graph import Diagram
-from runtime.bench.gait import play
-from runtime.bench.gait_recordings import built_in
 from runtime.session.simulate import simulate
+from runtime.setup.bench.gait import play
+from runtime.setup.bench.gait_recordings import built_in
 from tests.blocks.gait.walks import RATE, vertical_force
 from tests.blocks.running import both_ways, inside
 from tests.shared import shared

@@ -8,9 +8,9 @@ import pytest
 from blocks.gait import AdaptiveOscillator, ContactEvents, KneeEvents, PhaseKalmanFilter, PhasePortrait, StridePhase
 from blocks.wearer import Walker
 from graph import Diagram
-from runtime.bench.gait import begins, play
-from runtime.bench.gait_recordings import built_in
 from runtime.session.simulate import simulate
+from runtime.setup.bench.gait import begins, play
+from runtime.setup.bench.gait_recordings import built_in
 from tests.blocks.gait.walks import RATE
 from tests.blocks.running import both_ways, inside
 

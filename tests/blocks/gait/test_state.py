@@ -8,9 +8,9 @@ import pytest
 from blocks.gait import GaitState, KneeEvents, PhaseKalmanFilter, StrideEnvelope, TorqueGate
 from blocks.wearer import Walker
 from graph import Diagram
-from runtime.bench.gait import play
-from runtime.bench.gait_recordings import built_in
 from runtime.session.simulate import simulate
+from runtime.setup.bench.gait import play
+from runtime.setup.bench.gait_recordings import built_in
 from tests.blocks.gait.walks import RATE
 from tests.blocks.running import both_ways, inside, player
 from tests.shared import shared

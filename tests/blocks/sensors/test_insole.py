@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from blocks.sensors import EmulatedInsole, FootContact, Insole
 from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
-from runtime.rig import net_line
-from runtime.rig.errors import Refused
+from runtime.robot.rig import net_line
+from runtime.robot.rig.errors import Refused
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import by_hand, player, run
 

@@ -21,7 +21,7 @@ from blocks.sensors import EmulatedMicrocontroller, Microcontroller
 from blocks.sensors.fields import SIZES
 from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
-from runtime.rig.serial_line import opened
+from runtime.robot.rig.serial_line import opened
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import player, run
 from tests.runtime.runs import ROOT

@@ -6,11 +6,11 @@ from struct import Struct
 from cext.safety.mcap_encoder import Encoder
 from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
-from runtime.recording import messages
-from runtime.recording.chunks import walked
-from runtime.recording.columns import Layout
-from runtime.recording.format import Frame, row_struct
-from runtime.recording.mcap_file import MESSAGE, MESSAGE_REST
+from runtime.record.storage import messages
+from runtime.record.storage.chunks import walked
+from runtime.record.storage.columns import Layout
+from runtime.record.storage.format import Frame, row_struct
+from runtime.record.storage.mcap_file import MESSAGE, MESSAGE_REST
 
 PATHS = ["left/knee.position", "left/imu.gyro[0]", "left/imu.gyro[1]", "right/knee.position", "wave.y"]
 SIGNALS = [{"path": path, "every": every} for path, every in zip(PATHS, (1, 3, 3, 1, 7))]

@@ -5,7 +5,7 @@ import pytest
 
 from cext.safety.ring_reader import take
 from cext.safety.shared_state import RECORD_EVENT, SharedState
-from runtime.recording.format import FRAME
+from runtime.record.storage.format import FRAME
 
 ROW, FRAMES, RECEIVED = 1, 2, 4
 

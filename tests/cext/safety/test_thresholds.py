@@ -19,10 +19,10 @@ MODULES = (
     "cext/schedule/publisher.pyx",
     "cext/schedule/lifecycle.pyx",
     "cext/schedule/watchdog.pyx",
-    "runtime/guardian/__init__.py",
-    "runtime/guardian/lock.py",
-    "runtime/guardian/process.py",
-    "runtime/guardian/stop.py",
+    "runtime/robot/guardian/__init__.py",
+    "runtime/robot/guardian/lock.py",
+    "runtime/robot/guardian/process.py",
+    "runtime/robot/guardian/stop.py",
     "runtime/session/session.py",
 )
 UNITS = {1e9, 1e-9, 1e6, 1e3, 1e15}  # conversions, and an upper bound of a count

@@ -2,7 +2,7 @@
 disable, within two ticks.
 
 In virtual time, on in-memory buses. The same with processes over real sockets:
-tests/runtime/guardian/test_every_fault.py.
+tests/runtime/robot/guardian/test_every_fault.py.
 """
 
 import ctypes

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import runtime
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.cli.main import COMMANDS
 from runtime.cli.run import parse_run
-from runtime.console.terminal import program
+from runtime.host.console.terminal import program
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.session.request import Request
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write
 

@@ -11,7 +11,7 @@ from blocks.limiters import SlewRate
 from graph import DiagramError
 from graph.signal_misuse import NUMPY, OPERATORS
 from runtime import load, optimise, run, study
-from runtime.base.errors import BadInput
+from runtime.host.errors import BadInput
 from tests.runtime.mistakes.in_blocks import BLOCKS
 from tests.runtime.mistakes.in_diagrams import OPERATIONS, PARAMETERS, WIRES
 from tests.runtime.mistakes.in_files import FILES, IMPORTS_AND_NAMES

@@ -8,11 +8,11 @@ import pytest
 import runtime
 from blocks.actuators import CubeMars
 from graph import Actuator, Diagram, Input
-from runtime.console.styles import Console
-from runtime.report.battery import battery_lines, duration
-from runtime.report.check import text
-from runtime.rig import RigError
-from runtime.rig.battery import Battery, supply_current, windings
+from runtime.host.console.styles import Console
+from runtime.record.report.battery import battery_lines, duration
+from runtime.record.report.check import text
+from runtime.robot.rig import RigError
+from runtime.robot.rig.battery import Battery, supply_current, windings
 from runtime.session.battery import SETTLING_TIME, SIMULATED_TIME, budget
 from runtime.session.check import check
 from runtime.session.prepare import prepare

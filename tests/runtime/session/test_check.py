@@ -14,10 +14,10 @@ import pytest
 
 from cext.fused import library
 from graph import compile
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.console.styles import Console, length
-from runtime.diagrams.file import load
-from runtime.report.check import bar, interval, text
+from runtime.host.console.styles import Console, length
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.record.report.check import bar, interval, text
+from runtime.robot.loading.file import load
 from runtime.session.check import KEYS, check
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
 

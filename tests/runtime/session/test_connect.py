@@ -12,11 +12,11 @@ import psutil
 import pytest
 
 import runtime
-from runtime.base.errors import BadInput, RunFault
-from runtime.live.running import page_of
+from runtime.host.errors import BadInput, RunFault
+from runtime.host.live.running import page_of
 from runtime.session import own_process
 from runtime.session.connected import ConnectedRobot
-from tests.runtime.guardian.bus import Bus
+from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, write
 from tests.runtime.session.test_own_process import sent
 from tests.runtime.terminals import patient

@@ -6,7 +6,7 @@ import pytest
 from jupyter_client.manager import start_new_kernel
 
 import runtime
-from tests.runtime.guardian.bus import ROBOT, Bus
+from tests.runtime.robot.guardian.bus import ROBOT, Bus
 from tests.runtime.runs import DISABLE, KNEE_EXO, NOTHING, environment, write
 from tests.runtime.session.test_own_process import sent
 

@@ -14,11 +14,11 @@ import pytest
 
 import runtime
 from graph import Diagram
-from runtime.base.errors import BadInput
-from runtime.live.running import page_of
-from runtime.recording.format import Frame
+from runtime.host.errors import BadInput
+from runtime.host.live.running import page_of
+from runtime.record.storage.format import Frame
 from runtime.session import own_process
-from tests.runtime.guardian.bus import ROBOT, Bus
+from tests.runtime.robot.guardian.bus import ROBOT, Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, server, write
 from tests.runtime.terminals import patient
 

@@ -16,12 +16,12 @@ from mcap.records import Attachment, Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from runtime.analysis.trial import Trial
-from runtime.base.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
-from runtime.diagrams.file import load
-from runtime.recording.records import LIBRARY as LIBRARY_NAME
-from tests.runtime.guardian.bus import Bus
-from tests.runtime.recorder.test_mcap import chunks
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
+from runtime.record.analysis.trial import Trial
+from runtime.record.storage.records import LIBRARY as LIBRARY_NAME
+from runtime.robot.loading.file import load
+from tests.runtime.record.recorder.test_mcap import chunks
+from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import KNEE_EXO, finished, knee, started, write, writer_of
 from tests.runtime.terminals import patient
 

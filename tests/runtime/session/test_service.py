@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from runtime.base.errors import OK
+from runtime.host.errors import OK
 from runtime.session.service_unit import quoted
 from tests.checkout import ROOT
 from tests.docs.fences import fences

@@ -21,9 +21,9 @@ from blocks.sources import GaussianNoise, Sine
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Output
-from runtime.base.errors import OK, BadInput
-from runtime.diagrams.file import compiled, load
-from runtime.diagrams.simulation import Simulation
+from runtime.host.errors import OK, BadInput
+from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO, knee
 
 HIP_EXO = KNEE_EXO.with_name("hip_exo.py")

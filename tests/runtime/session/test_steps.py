@@ -13,7 +13,7 @@ from blocks.logic import Compare
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Block, Diagram, Live, Output, Param
-from runtime.base.errors import BadInput, RunFault
+from runtime.host.errors import BadInput, RunFault
 from runtime.session import simulate
 from tests.runtime.runs import KNEE_EXO, knee
 from tests.runtime.session.test_simulate import calling, same, sine

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import runtime.session.session as session
-from runtime.base.errors import OK
+from runtime.host.errors import OK
 from tests.runtime.runs import KNEE_EXO, Listener, write
 
 STRIDES = re.compile(r"^  (left|right) .*$\n.*$", re.MULTILINE)
@@ -58,7 +58,7 @@ def test_ring_smaller_than_the_run_loses_no_row(command_line, monkeypatch, no_pr
 
 
 def test_error_of_the_local_recorder_ends_the_run(command_line, monkeypatch):
-    from runtime.recorder import local
+    from runtime.record.recorder import local
 
     def fail(page, columns):
         raise RuntimeError("no more rows")

@@ -1,0 +1,76 @@
+"""Output to standard error that never blocks or ends the recorder: it skips a full or broken terminal."""
+
+from __future__ import annotations
+
+import os
+import select
+from typing import TYPE_CHECKING
+
+from runtime.host.console.terminal import harmless, readable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+STDOUT, STDERR = 1, 2
+
+
+class Terminal:
+    """Standard error of a process.
+
+    interactive : it is a terminal that supports drawing
+    coloured, unicode : it supports colours, UTF-8
+    """
+
+    def __init__(self, descriptor: int = STDERR, environment: Mapping[str, str] = os.environ) -> None:
+        self.descriptor = descriptor
+        dumb = environment.get("TERM", "") in ("", "dumb")
+        self.interactive = os.isatty(descriptor) and not dumb
+        self.coloured = self.interactive and not environment.get("NO_COLOR")
+        locale = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
+        self.unicode = "utf" in locale.lower() or not locale  # Python's default is UTF-8, too
+        self.poll = select.poll()
+        self.drawn = False
+        try:
+            self.poll.register(descriptor, select.POLLOUT)
+        except OSError:
+            self.interactive = False
+
+    @property
+    def columns(self) -> int:
+        """Width of the terminal; 80 if it is unknown."""
+        try:
+            return os.get_terminal_size(self.descriptor).columns or 80
+        except OSError:
+            return 80
+
+    def write(self, text: str) -> bool:
+        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder.
+
+        Returns whether the whole text was written.
+        """
+        try:
+            if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
+                encoding = "utf-8" if self.unicode else "ascii"
+                data = readable(text, encoding).encode(encoding)
+                return os.write(self.descriptor, data) == len(data)
+        except OSError:
+            self.interactive = False  # the terminal is closed
+        return False
+
+    def draw(self, text: str) -> None:
+        """Replace the status line."""
+        if self.interactive:
+            self.write(f"\r{harmless(text, self.coloured)}\x1b[K")
+            self.drawn = True
+
+    def erase(self) -> None:
+        """Remove the status line, if one is drawn."""
+        if self.drawn:
+            self.write("\r\x1b[K")
+            self.drawn = False
+
+    def say(self, line: str) -> bool:
+        """Write a permanent line above the status line. Returns whether it was written."""
+        self.erase()
+        return self.write(harmless(line, self.coloured) + "\n")

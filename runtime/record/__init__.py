@@ -1,0 +1,1 @@
+"""Recordings: the recorder, files, analysis, export, and reports."""

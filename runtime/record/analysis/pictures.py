@@ -1,0 +1,123 @@
+"""Pictures of recordings: signals over time, and over the gait cycle."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import os
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from runtime.host.errors import BadInput
+from runtime.host.optional_dependencies import need
+from runtime.host.replaced_file import replaced
+
+if TYPE_CHECKING:
+    from runtime.record.analysis.conditions import Condition
+    from runtime.record.analysis.trial_data import TrialData
+
+Draw = Callable[[BinaryIO, str], Any]  # into a file, as "png" or "svg"
+
+
+class Pictures:
+    """Pictures that a notebook shows, one below the other.
+
+    draws : {title: function that draws into a file}
+    """
+
+    def __init__(self, draws: dict[str, Draw]) -> None:
+        self.draws = draws
+
+    def save(self, path: str | os.PathLike[str]) -> list[Path]:
+        """Write the pictures as .png or .svg. Several get their title in the name. Returns the paths.
+
+        Raises BadInput for another ending.
+        """
+        target = Path(path)
+        if target.suffix not in (".png", ".svg"):
+            raise BadInput(f"{target}: the name of a picture must end in .png or .svg")
+        paths = []
+        for title, draw in self.draws.items():
+            stem = target.stem if len(self.draws) == 1 else f"{target.stem}_{file_name(title)}"
+            paths.append(target.with_name(stem + target.suffix))
+            with replaced(paths[-1]) as file:
+                draw(file, target.suffix[1:])
+        return paths
+
+    def html(self) -> str:
+        """Return the pictures as HTML, which contains them."""
+        return "".join(
+            f'<img alt="{html.escape(title)}" style="max-width: 100%" src="data:image/png;base64,{picture}">'
+            for title, picture in ((title, in_base64(draw)) for title, draw in self.draws.items())
+        )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
+        """Return one picture as PNG, which a viewer without HTML and an exported PDF show too, or several as HTML."""
+        if len(self.draws) == 1:
+            [draw] = self.draws.values()
+            return {"image/png": in_base64(draw)}
+        return {"text/html": self.html()}
+
+    def __repr__(self) -> str:
+        return f"<Pictures: {', '.join(self.draws)}; save('NAME.png') writes them>"
+
+
+def file_name(title: str) -> str:
+    """Return a title without the characters that the name of a file should not have."""
+    return re.sub(r"[^\w.-]+", "_", title)
+
+
+def in_base64(draw: Draw) -> str:
+    """Return a picture as PNG in base64."""
+    file = io.BytesIO()
+    draw(file, "png")
+    return base64.b64encode(file.getvalue()).decode()
+
+
+def over_time(trial: TrialData, names: Sequence[str] = ()) -> dict[str, Draw]:
+    """Return {title: function that draws} of signals over time.
+
+    names : of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+
+    Raises KeyError, or BadInput for a trial without ticks.
+    """
+    need("matplotlib.figure", "a picture")
+    from runtime.record.analysis import plots
+
+    if not len(trial):
+        raise BadInput(f"{trial.path} contains no ticks")
+    if names:
+        return {"plot": partial(plots.over_time, trial, plots.rows_of(trial, names), trial.path.stem)}
+    figures = {}
+    for title, (rows, share) in plots.overview(trial).items():
+        heading = f"{trial.path.stem}: {title}" + f", {share}" * bool(share)
+        figures[title] = partial(plots.over_time, trial, rows, heading, subsystem=title)
+    return figures
+
+
+def over_strides(conditions: Sequence[Condition], names: Sequence[str] = ()) -> dict[str, Draw]:
+    """Return {"strides": function that draws} of conditions over the gait cycle.
+
+    names : of signals, blocks or subsystems; by default angle, torque and power of each joint
+
+    Raises KeyError or BadInput.
+    """
+    need("matplotlib.figure", "a picture")
+    from runtime.record.analysis import condition_picture, stride_picture
+    from runtime.record.analysis.legs import legs
+    from runtime.record.analysis.plots import PLOT_LIMIT, alone
+
+    first = conditions[0]
+    if names:
+        paths = [path for name in names for path in alone(first.trial, name)]
+        if len(paths) > PLOT_LIMIT:
+            raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: select fewer")
+        return {"strides": partial(condition_picture.draw_signals, conditions, paths)}
+    if len(conditions) > 1 or first.mass is not None:
+        return {"strides": partial(condition_picture.draw, conditions)}
+    both_legs = legs(first.trial, first.events, first.between, first.last)
+    return {"strides": partial(stride_picture.draw, first.trial.about["name"], both_legs)}

@@ -1,0 +1,117 @@
+"""Trial: a recording with every signal of every tick, the frames, the events and the metadata.
+
+A truncated or damaged file is read up to the last complete row; `complete` is then False. It includes the parts that
+standby recorders continued.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from runtime.host.errors import BadInput
+from runtime.record.analysis import resample, strides, table
+from runtime.record.analysis.trial_data import TrialData
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    import pandas
+
+    from runtime.record.analysis.pictures import Pictures
+
+
+class Trial(TrialData):
+    """Recording, with its signals over the gait cycle, at other rates, and as a table.
+
+    trial = runtime.load("recordings/knee_exo_2026-11-21_10-00-00.mcap")
+    trial["left/knee.position"]             # array over the ticks
+    trial.unit("left/knee.position")        # "rad"
+    trial.time                              # array over the ticks, s
+    trial.time_of("left/knee.position")     # times of its samples in s, if it was recorded at a lower rate
+    """
+
+    def resample(self, rate: float) -> Trial:
+        """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.
+
+        Floats are interpolated linearly, phases and bearings on the shorter way, quaternions at a constant rate; ints
+        and bools keep their newest value. There is no filter: remove components above half the rate first.
+
+        Raises BadInput for an empty Trial, or one that would not fit into memory.
+        """
+        return resample.resampled(self, rate)
+
+    def strides(
+        self,
+        path: str,
+        events: str | Sequence[float] | np.ndarray | None = None,
+        points: int = 101,
+        between: tuple[str, str] | None = None,
+        last: int | None = None,
+    ) -> np.ndarray:
+        """Return a signal over the gait cycle, as (strides, points), or (strides, points, ...) for a vector.
+
+        path : path of the signal
+        events : times in s at which strides begin, such as heel strikes; or the path of a bool that becomes true there,
+            or of a gait phase that falls from 1 to 0 there. By default the phase of the innermost subsystem of the
+            signal that has one, while its `walking` is true
+        points : samples of a stride, equally spaced
+        between : times between which strides count: "mark 2", "start", "end", or seconds
+        last : number of strides, the last ones; None for all
+
+        Strides shorter than 0.4 s or longer than 4 s, or with a missing tick, are excluded. Raises KeyError or
+        BadInput.
+        """
+        return strides.strides(self, path, events, points, between, last)
+
+    def stride_times(
+        self,
+        path: str,
+        events: str | Sequence[float] | np.ndarray | None = None,
+        between: tuple[str, str] | None = None,
+        last: int | None = None,
+    ) -> np.ndarray:
+        """Return the start and end of each stride of `strides`, as (strides, 2) in s.
+
+        A stride twice as long as its neighbours is counted as two with a missed event.
+        """
+        self.find(path)
+        return strides.bounds(self, path, events, between, last)
+
+    def plot(
+        self,
+        *names: str,
+        strides: bool = False,
+        events: str | None = None,
+        between: tuple[str, str] | None = None,
+        last: int | None = None,
+    ) -> Pictures:
+        """Return pictures of signals, which a notebook shows; `.save("knee.png")` writes them.
+
+        names : names of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+        strides : over the gait cycle instead of over time; without names angle, torque and power of each joint
+        events, between, last : with `strides`, as for Trial.strides
+
+        Raises KeyError or BadInput.
+        """
+        from runtime.record.analysis import pictures
+        from runtime.record.analysis.conditions import Condition
+
+        if not strides and any(choice is not None for choice in (events, between, last)):
+            raise BadInput("events, between and last select strides: add strides=True")
+        if strides:
+            condition = Condition(self.path.stem, self, events, between, last)
+            return pictures.Pictures(pictures.over_strides([condition], names))
+        return pictures.Pictures(pictures.over_time(self, names))
+
+    def _repr_html_(self) -> str:
+        from runtime.record.analysis.html import trial_in_html
+
+        return trial_in_html(self)
+
+    def table(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame with one row per tick, `time` as its index, and one column per number.
+
+        `attrs` has the units and the fields of the trial. Raises MissingExtra.
+        """
+        return table.table(self)

@@ -1,0 +1,213 @@
+"""The recorder: a process that drains the ring of a run into files, viewers and the terminal.
+
+    recorder = RecorderProcess(page)      # starts while the diagram is compiled
+    recorder.configure(plan)              # returns once all files are open
+    ...                                   # the run
+    page.close()
+    report = recorder.finish()
+
+The plan is a dict that JSON can carry:
+
+    name, stem      of the diagram; of the files
+    folder          of the recording, or None to write no files
+    rate, duration  Hz; s or None
+    virtual         whether time is virtual: the files of two equal runs are then byte-identical
+    compression     of the .mcap file: "zstd" (default), "zstd:LEVEL" or "none"
+    can_log         whether a CAN log is written (default: false)
+    simulated       whether the devices are simulated by a plant
+    signals, buses  the columns of a row (index, path, dtype, unit); the names of the buses
+    diagram_json    the diagram as JSON text, or None
+    control_pid     process id of the control process
+    items           names of the stopwatch items, as of cext.clock.stopwatch.names
+    sinks           of each sink: service (see runtime.record.recorder.plugins), path, parameters, columns (index, path,
+                    dtype, unit)
+    status_line     whether the terminal shows a status line
+    keys            whether the keys of the terminal are carried out
+    limits          {path: (lowest, highest)} of the recorded signals with known limits
+    metadata        further content of the sidecar file
+
+SharedState(fd) -> rows, frames and events -> runtime.record.recorder.writer -> runtime.record.recorder.part -> services
+(runtime.record.recorder.service) and files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from runtime.host.child_process import ChildProcess
+from runtime.host.console.keys import own_terminal
+from runtime.host.console.stderr import Terminal
+from runtime.record.storage.ascii_units import ascii_name
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+
+READY_TIMEOUT = 30.0  # s, for a slow disk
+ABANDON_TIMEOUT = 0.03  # s for the recorder to remove its files and end; it does so alone after that
+REMEDY = "complete its .mcap file with `convert FILE.mcap --to mcap`"
+
+
+def can_ask() -> bool:
+    """Return whether this process reads and writes a terminal, so that the operator can press keys."""
+    descriptor = own_terminal()
+    if descriptor is None:
+        return False
+    os.close(descriptor)
+    return Terminal().interactive
+
+
+class RecorderError(Exception):
+    """The recording cannot be made. The text is the reason in one line."""
+
+
+class RecorderProcess(ChildProcess):
+    """The recorder process of one run. Spawned at once.
+
+    page : cext.safety.shared_state.SharedState
+    companion : file descriptor of its connection to a companion (see runtime.record.recorder.companion); -1 without one
+    lifeline : file descriptor that hangs up once no process reads the ring
+    terminal : file descriptor of the terminal of this process, None without one
+    pid : process id
+    files : [{path, note}] of the files that it has opened
+    """
+
+    def __init__(self, page: SharedState, companion: int = -1) -> None:
+        self.terminal = own_terminal()
+        keys = -1 if self.terminal is None else self.terminal
+        inherited = [descriptor for descriptor in (page.fd, keys, companion) if descriptor >= 0]
+        super().__init__("runtime.record.recorder.process", (page.fd, keys, companion), tuple(inherited))
+        self.files: list[dict[str, str]] = []
+        self._over = self._planned = False
+
+    def configure(self, plan: dict[str, Any]) -> None:
+        """Send the plan and wait until every file is open.
+
+        Raises RecorderError if a file cannot be opened; the files opened before are then removed.
+        """
+        sinks = [
+            {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
+            for sink in plan["sinks"]
+        ]
+        self._planned = True
+        order = json.dumps({**plan, "sinks": sinks}).encode() + b"\n"
+        try:
+            self._send(order)
+            answer = self._answer(READY_TIMEOUT)
+        except BrokenPipeError:
+            answer = None
+        except TimeoutError:
+            self.abandon()
+            raise RecorderError(f"the recorder process was not ready within {READY_TIMEOUT:g} s") from None
+        if answer is None:
+            how = self._end()
+            raise RecorderError(f"the recorder process ended before it was ready ({how})")
+        if "error" in answer:
+            self._end()
+            raise RecorderError(answer["error"])
+        self.files = answer["files"]
+
+    @property
+    def alive(self) -> bool:
+        """Whether a process reads the ring: the recorder or a process that has replaced it."""
+        poll = select.poll()
+        poll.register(self.lifeline, 0)
+        try:
+            return not poll.poll(0)
+        except OSError:  # a block has lowered the limit of file descriptors
+            return False
+
+    @property
+    def lifeline(self) -> int:
+        """File descriptor that hangs up once no process reads the ring."""
+        return self._answers
+
+    def make_room(self, seconds: float) -> bool:
+        """Wait, so that the process can empty the ring. Returns whether a process reads it."""
+        time.sleep(seconds)
+        return self.alive
+
+    def finish(self, timeout: float = 60.0) -> dict[str, Any]:
+        """After page.close(): wait until all is written, and return the report.
+
+        The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
+        more: the content of the sidecar file. If the process has died or exceeds `timeout` s, `problems` states it
+        and `files` lists the files that it had opened.
+        """
+        try:
+            report = self._answer(timeout)
+        except TimeoutError:
+            self._close_terminal()
+            return self._lost(
+                f"the recorder (process {self.pid}) has not finished after {timeout:g} s and continues alone"
+            )
+        except OSError:
+            self._end()
+            return self._lost(
+                "the report of the recorder is missing, because a block closed file descriptors of the run or "
+                "lowered their limit. The recorder has completed the files"
+            )
+        how = self._end()
+        if report is None:
+            return self._lost(f"the recorder process died before the end ({how}) and the files end there; {REMEDY}")
+        return report
+
+    def abandon(self) -> None:
+        """End the process and remove its files: the run has failed before its start."""
+        if self._over:
+            return
+        if not self._planned:  # no file was created yet
+            self._child.kill()
+        with suppress(OSError):  # it has ended already
+            self._send(b"abandon\n")
+        with suppress(OSError):
+            os.killpg(self.pid, signal.SIGTERM)  # while it opens files it reads no order
+        self._end(ABANDON_TIMEOUT)
+
+    def _close_terminal(self):
+        if self.terminal is not None:
+            with suppress(OSError):  # a block may have closed it
+                os.close(self.terminal)
+            self.terminal = None
+
+    def _lost(self, problem):
+        return {"files": self.files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
+
+    def _await_writer(self, timeout):
+        """Wait until the writer has ended, if the process that started it was killed."""
+        if not self._may_answer:  # another file may never hang up
+            return
+        poll = select.poll()
+        poll.register(self._answers, 0)
+        with suppress(OSError):  # a block has lowered the limit of file descriptors
+            poll.poll(timeout * 1e3)
+
+    def _end(self, timeout=10.0):
+        """Wait for the process to end and kill it after `timeout` s. Returns how it ended."""
+        if not self._over:
+            self._over = True
+            try:
+                self._orders.close()
+            except OSError:
+                pass
+            try:
+                self.wait(timeout)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+            self._await_writer(timeout)
+            self._close_answers()
+            self._close_terminal()
+        code = self._child.returncode
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+    def __del__(self):
+        if getattr(self, "_over", True) is False:
+            self._close_answers()
+            self._close_terminal()

@@ -1,0 +1,76 @@
+"""The average stride of each leg, updated during the recording, and their picture at the end.
+
+Each part of a recording has its own average; `plot --strides` reads all parts.
+"""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from runtime.host.replaced_file import replaced
+from runtime.record.analysis.average_stride import INPUTS, AverageStride
+from runtime.record.recorder.service import Service
+from runtime.record.storage.files import create
+
+BLOCK_ROWS = 1024
+
+
+class StrideAverage(Service):
+    """Serves blocks.recorders.StrideReport: columns phase, walking, angle, velocity, torque, in this order."""
+
+    def open(self) -> None:
+        if len(self.sink["columns"]) != len(INPUTS):
+            raise ValueError("wire all five inputs: phase, walking, angle, velocity, torque")
+        self.columns = [column["index"] for column in self.sink["columns"]]
+        path = self.sink["path"]
+        self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
+        self.average, self.rows = AverageStride(self.plan["rate"]), []
+
+    def records(self, batch: Any) -> None:
+        if batch.rows:
+            self.rows += batch.table(float(self.plan["rate"]), self.columns, [False] * len(INPUTS))
+            if len(self.rows) >= BLOCK_ROWS:
+                self.add_rows()
+
+    def add_rows(self) -> None:
+        """Add the rows that have arrived to the average."""
+        rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(INPUTS))
+        self.average.add(rows[:, 1].astype(np.int64), rows[:, 2:])
+        self.rows.clear()
+
+    def close(self) -> dict[str, Any]:
+        self.add_rows()
+        sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
+        signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
+        self.result = {"title": self.title, "path": self.sink["path"], "signals": signals, **self.average.result()}
+        summary, part = {key: self.result[key] for key in ("strides", "left_out")}, self.plan.get("part", 1)
+        return summary | (
+            {"problem": f"{self.title}: the average does not include strides before part {part}"} if part > 1 else {}
+        )
+
+    @classmethod
+    def conclude(cls, plan: dict[str, Any], services: list[Any]) -> dict[str, Any]:
+        """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W.
+
+        Drawing takes a second or more. A run that a signal has ended therefore has no picture; `plot --strides` draws
+        the same.
+        """
+        results = [service.result for service in services]
+        walked = [result for result in results if result["strides"]]
+        if not walked or plan["folder"] is None or plan["stopped"]:
+            return {"strides": results}
+        from runtime.record.analysis.stride_picture import draw
+
+        path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
+        try:
+            os.close(descriptor)
+            with replaced(path) as file:
+                draw(plan["name"], walked, file)
+        except BaseException:
+            os.unlink(path)
+            raise
+        return {"strides": results, "files": {path: "the average stride of " + ", ".join(r["title"] for r in walked)}}
+
+
+SERVICE = StrideAverage

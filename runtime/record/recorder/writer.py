@@ -1,0 +1,231 @@
+"""The writer process: drains the ring into one part of a recording, completes the files and reports.
+
+It outlives the control process and writes all records that were in the ring when that died.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from cext.safety.ring_batch import read
+from cext.safety.shared_state import SharedState
+from cext.safety.thresholds import GUARDIAN_DEATH
+from runtime.host.console.keys import Keyboard
+from runtime.host.console.stderr import Terminal
+from runtime.host.console.styles import Console
+from runtime.record.recorder.checkpoint import Checkpoint
+from runtime.record.recorder.companion import Companion
+from runtime.record.recorder.disk_sync import DiskSync
+from runtime.record.recorder.panel import Panel
+from runtime.record.recorder.part import Recording, RecordingFailed
+from runtime.record.recorder.status import StatusLine
+
+POLL_PERIOD = 20  # ms, of the ring in real time
+POLL_PERIOD_VIRTUAL = 1  # ms; a loop in virtual time waits for the writer
+FLUSH_PERIOD = 0.5  # s
+# of a flush in virtual time, so that the files of two equal runs are flushed at the same rows
+FLUSH_ROWS, FLUSH_SIZE = 250, 128 << 10  # rows; bytes
+UNLIMITED = 1 << 62
+# fractions of the ring; a flush is due when more than this is not released. In virtual time the rows decide, if the
+# ring has space for so many: when records are read depends on the scheduler
+FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
+
+
+def write(
+    page: SharedState, answers: int, control: Any, companion: int, plan: dict[str, Any], checkpoint: Checkpoint
+) -> None:
+    """Record one part, from opening its files to its report.
+
+    Raises RecordingFailed if the files of a later part cannot be created; part 1 reports that to the control process.
+    """
+    recording = Recording(plan, page)
+    try:
+        with discarded_on_signal(recording):
+            recording.open()
+    except RecordingFailed as error:
+        if "before" in plan:
+            raise
+        answer(answers, {"error": str(error)})
+        return
+    terminal = Terminal()
+    recording.say, recording.console = (
+        terminal.say,
+        Console(terminal.columns if terminal.interactive else None, terminal.coloured),
+    )
+    control.look(0)
+    if control.abandoned:
+        recording.discard()
+        return
+    checkpoint.save(recording.checkpoint())
+    name_process("tickwork-record")
+    if "before" not in plan:
+        answer(answers, {"ready": True, "files": recording.list_files()})
+    beside = Companion(companion, recording, page, control.pidfd) if companion >= 0 else None
+    record(page, answers, control, beside, recording, terminal, checkpoint)
+
+
+@contextmanager
+def discarded_on_signal(recording: Recording) -> Iterator[None]:
+    """Remove the recording and end the process on SIGTERM, which the control process sends if it ends before the run.
+
+    Opening the files can take long, on a slow disk or for a viewer, and the services are any package's: the handler
+    raises no exception, which they could swallow.
+    """
+
+    def discard(number, frame):
+        recording.discard()
+        os._exit(0)
+
+    if "before" in recording.plan:  # a later part: the run has begun
+        yield
+        return
+    signal.signal(signal.SIGTERM, discard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def record(
+    page: SharedState,
+    answers: int,
+    control: Any,
+    companion: Companion | None,
+    recording: Recording,
+    terminal: Terminal,
+    checkpoint: Checkpoint,
+) -> None:
+    """Drain the ring until the run is over, then complete the recording and send the report."""
+    plan = recording.plan
+    recording.begin()
+    panel = Panel(page, Keyboard(page), recording, companion) if plan.get("keys") else None
+    status = StatusLine(terminal, plan, page, panel, recording)
+    recording.counts_bits = status.enabled
+    sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
+    try:
+        drain(
+            page,
+            control,
+            recording,
+            status,
+            panel,
+            companion,
+            checkpoint,
+            POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD,
+        )
+    finally:
+        if sync is not None:
+            sync.stop()
+    if control.abandoned or (control.gone and not page.wall):  # the run has not started
+        recording.discard()
+        return
+    orphaned = not page.closed
+    report = recording.finish(orphaned)
+    status.erase()
+    if orphaned:
+        terminal.say(orphan_line(report, cause_of_death(page, plan["items"])))
+    answer(answers, report)
+
+
+def drain(
+    page: SharedState,
+    control: Any,
+    recording: Recording,
+    status: StatusLine,
+    panel: Panel | None,
+    companion: Companion | None,
+    checkpoint: Checkpoint,
+    idle: float,
+) -> None:
+    """Drain the ring into the recording until the end of the run."""
+    flush_at = 0.0
+    virtual = recording.plan["virtual"]
+    per_flush = max(1, min(FLUSH_ROWS, FLUSH_SIZE // recording.row.size))
+    flushed = recording.ticks
+    while True:
+        # read before the drain: all earlier records are then in the ring
+        over = page.closed or (control.gone and not guarded(page))
+        rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
+        records = read(page, rows)
+        recording.take(records)
+        if companion is not None:
+            companion.take(records, recording.plan["rate"])
+            companion.look()
+        now = time.monotonic()
+        due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
+        if due or page.held > (FLUSH_SHARE_VIRTUAL if virtual else FLUSH_SHARE):
+            recording.flush()
+            checkpoint.save(recording.checkpoint())
+            flush_at, flushed = now + FLUSH_PERIOD, recording.ticks
+        if panel is not None and not over:
+            panel.look(now)
+        if panel is None or panel.keyboard.in_foreground:
+            status.update(now)
+        if records and (virtual or over):
+            continue
+        if over or control.abandoned:
+            return
+        recording.backlog.look()
+        control.look(idle)
+
+
+def guarded(page: SharedState) -> bool:
+    """Return whether a guardian runs, which reports its stop after the death of the control process."""
+    return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
+
+
+def cause_of_death(page: SharedState, items: list[str]) -> str:
+    """Return how a control process died before the end of its run: by a signal of its own, or in which state.
+
+    Its exit code is only available to its parent process.
+
+    items : names of the stopwatch items, as of cext.clock.stopwatch.names
+    """
+    if page.crashed:
+        hung = page.hung or -1
+        block = f" in {items[hung]}" if hung >= 0 else ""
+        return f"of {signal.Signals(page.crashed).name}{block}"
+    tick = page.statistics()["last_tick"]
+    block = f"in {items[page.at]} " if page.state == "running" and page.at >= 0 else ""
+    if block and page.in_run:  # the step is not stored while machine code runs
+        block = f"{block}or a native block after it, "
+    where = {
+        "init": "before arming",
+        "arming": "while arming",
+        "ready": "before it was armed",
+        "stopping": "during the safe stop",
+        "safe": "after the safe stop",
+    }
+    when = where.get(page.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
+    return f"{block}{when} without ending the run: it was killed, or a block called os._exit or exec"
+
+
+def orphan_line(report: dict[str, Any], cause: str) -> str:
+    """Return the line for the terminal after the death of the control process."""
+    files = ", ".join(file["path"] for file in report["files"]) or "no files"
+    return (
+        f"tickwork recorder: the control process died {cause}; {report['ticks']} ticks were recorded, the last is "
+        f"{report['last_tick']}: {files}"
+    )
+
+
+def answer(descriptor: int, message: dict[str, Any]) -> None:
+    """Send one line of JSON to the control process, if it still runs."""
+    data = json.dumps(message).encode() + b"\n"
+    try:
+        while data:
+            data = data[os.write(descriptor, data) :]
+    except BrokenPipeError:
+        pass
+
+
+def name_process(name: str) -> None:
+    """Set the name of this process, as `ps` shows it."""
+    with open("/proc/self/comm", "w") as file:
+        file.write(name)

@@ -1,0 +1,193 @@
+"""Handover of a bus to a new run, from a safe stop that continues after the end of its run.
+
+    the process of the stop                     the new run
+    accepts connections beside the lock     <-  connects, as the bus is locked
+    sends the lock, and its drives          ->  takes the lock, if the drives belong to its diagram
+                                            <-  OPEN: its guardian is about to open the interface
+    sends no more, and closes its interface
+    CLOSED                                  ->  opens the interface, and sends the frames of the safe stop
+                                            <-  ARMING: its loop asks the drives now
+    ends, once it has no other bus
+
+So the drives are attended at all times. A connection that ends without ARMING is that of a run that did not begin: the
+process of the stop opens its interface again, and continues.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from runtime.robot.guardian.plan_types import PlanLock
+    from runtime.robot.guardian.stop import SafeStop
+
+OPEN, CLOSED, ARMING = b"o", b"c", b"a"
+CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
+OFFER_BYTES = 1 << 16  # limit
+
+
+def peer_of(link: socket.socket) -> tuple[int, int]:
+    """Return (process ID, account ID) of the process at the other end of a socket, or that listens there."""
+    return CREDENTIALS.unpack(link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[:2]
+
+
+def beside(name: bytes) -> bytes:
+    """Return the name at which a bus is handed over. name : of its lock"""
+    return name.replace(b"\0tickwork/bus/", b"\0tickwork/stop/", 1)
+
+
+class Offer:
+    """Offer of a bus whose safe stop continues.
+
+    name : of its lock
+
+    Raises ConnectionRefusedError if there is none, OSError if its process does not answer.
+
+    drives : names of the drives that have not confirmed; identifiers : of their stop frames, with flag bits
+    """
+
+    def __init__(self, name: bytes) -> None:
+        self.link = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self.link.settimeout(BUS_LOCK_RELEASE_LIMIT * 1e-9)
+            self.link.connect(beside(name))
+            words, descriptors, _, _ = socket.recv_fds(self.link, OFFER_BYTES, 1)
+            if not descriptors:
+                raise ConnectionRefusedError
+        except OSError:
+            self.link.close()
+            raise
+        self.lock = socket.socket(fileno=descriptors[0])
+        offered = json.loads(words)
+        self.drives, self.identifiers = offered["drives"], set(offered["identifiers"])
+
+    def accept(self) -> tuple[socket.socket, socket.socket]:
+        """Take the bus. Returns (lock, connection for `Successor`)."""
+        self.lock.listen(socket.SOMAXCONN)  # from here on it names this process
+        self.link.setblocking(True)
+        return self.lock, self.link
+
+    def decline(self) -> None:
+        """Leave the bus to its process."""
+        self.lock.close()
+        self.link.close()
+
+
+class Successor:
+    """The new run's end of a handover, in its guardian. descriptor : of the connection"""
+
+    def __init__(self, descriptor: int) -> None:
+        self.link = socket.socket(fileno=descriptor)
+        self.link.settimeout(BUS_LOCK_RELEASE_LIMIT * 1e-9)
+
+    def open(self) -> None:
+        """Let the other process close its interface. Where it has died, there is nothing to close."""
+        with suppress(OSError):
+            self.link.send(OPEN)
+            self.link.recv(1)
+
+    def arming(self) -> None:
+        """Let the other process end: the loop of this run asks the drives now."""
+        with suppress(OSError):
+            self.link.send(ARMING)
+        self.link.close()
+
+
+class Handover:
+    """Offer of the buses of a safe stop that continues. locks : of the plan; `begin` makes the offer"""
+
+    def __init__(self, locks: Iterable[PlanLock]) -> None:
+        self._locks = list(locks)
+        self._places: dict[int, socket.socket] = {}  # by the place of the lock
+        self._links: dict[int, socket.socket] = {}
+
+    def begin(self) -> None:
+        """Accept connections from here on."""
+        for place, lock in enumerate(self._locks):
+            with suppress(OSError):  # no free descriptor, or the process of an earlier stop still has the name
+                if place not in self._places:
+                    self._places[place] = _listener(beside(lock["name"].encode()))
+
+    def step(self, stop: SafeStop, close: Callable[[int], None]) -> list[str]:
+        """Proceed. close : function that closes the interface of a bus of the plan
+
+        Returns a line of text about each bus that another run has taken.
+        """
+        lines = []
+        for place, link in list(self._links.items()):
+            line = self._proceed(place, link, stop, close)
+            lines += [line] if line else []
+        for place, listener in list(self._places.items()):
+            with suppress(OSError):  # nothing to accept, or no free descriptor
+                link = listener.accept()[0]
+                if place in self._links:  # it is being handed over to another run
+                    link.close()
+                else:
+                    self._offer(place, link, stop)
+        return lines
+
+    def _offer(self, place, link, stop):
+        """Send the lock of a bus, and its drives that have not confirmed."""
+        lock = self._locks[place]
+        devices = [stop.stopped[name] for name in stop.waiting if stop.stopped[name]["bus"] == lock["bus"]]
+        identifiers = {identifier for device in devices for identifier, _ in device["zero"] + device["disable"]}
+        offer = {"drives": [device["name"] for device in devices], "identifiers": sorted(identifiers)}
+        with suppress(OSError):  # it has ended
+            socket.send_fds(link, [json.dumps(offer).encode()], [lock["descriptor"]])
+        link.setblocking(False)
+        self._links[place] = link
+
+    def _proceed(self, place, link, stop, close):
+        """Handle a message of a new run. Returns a line of text if it has taken the bus, else None."""
+        bus = self._locks[place]["bus"]
+        try:
+            message = link.recv(1)
+        except BlockingIOError:
+            return None
+        except OSError:
+            message = b""
+        if message == OPEN and bus is not None:
+            stop.lent.add(bus)
+            close(bus)
+            with suppress(OSError):
+                link.send(CLOSED)
+        if message == ARMING and bus is not None:
+            stop.given.add(bus)
+            self._places.pop(place).close()
+        if message == OPEN:
+            return None
+        del self._links[place]
+        process, drives = peer_of(link)[0], [name for name in stop.waiting if stop.stopped[name]["bus"] == bus]
+        link.close()
+        if message == b"" and bus in stop.lent:
+            stop.lent.discard(bus)
+            stop.failing.add(bus)  # and is opened again
+        if message == b"" or not drives:
+            return None
+        return f"process {process} continues the stop of {', '.join(drives)}, and asks for their state"
+
+    def close(self) -> None:
+        """Withdraw the offers."""
+        for each in (*self._places.values(), *self._links.values()):
+            each.close()
+        self._places, self._links = {}, {}
+
+
+def _listener(name):
+    """Return a socket that accepts connections at a name. Raises OSError."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
+    try:
+        listener.bind(name)
+        listener.listen()
+    except OSError:
+        listener.close()
+        raise
+    return listener

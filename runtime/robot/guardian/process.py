@@ -1,0 +1,522 @@
+"""The guardian process: it carries frames, watches the loop, and stops the actuators if the loop cannot.
+
+    watch       the computer, by its clocks, one of which stands still while it is suspended
+                the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
+                orders, which other code of that process may close; the loop, by the time of its newest tick (stall),
+                and by the block that hangs or crashes in the shared state
+    stop        raise the fence; then send zero torque and disable to every actuator until each has confirmed. Those
+                that have not after 200 ms are reported, and get the frames at a falling rate; an interface that was
+                lost is opened again. The control process orders the same for actuators that its own stop has left
+    carry       frames between the rings and its interfaces; behind the fence only those of the safe stop
+    hand over   the buses to another run while such a stop continues (runtime.robot.guardian.handover); and, as the
+                guardian of that run, send the frames of the safe stop until its loop asks the drives
+
+It ends with the control process, or by its order; after the death of the control process with its stop, or after
+STOP_ORPHANED. It ignores signals.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import threading
+import time
+from contextlib import suppress
+
+from cext.clock import realtime
+from cext.ring.rings import Lines
+from cext.safety.owner_death import OwnerDeathWatcher
+from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY, STOP_ORPHANED, STOP_ROUND_MAXIMUM
+from runtime.host.console.terminal import print_over_status
+from runtime.host.ending import ignore_signals
+from runtime.host.run_mark import remove_mark
+from runtime.host.system import CAP_IPC_LOCK, capable, maps
+from runtime.robot.guardian import MEMORY_LOCKED, REALTIME, control_group
+from runtime.robot.guardian.handover import Handover, Successor
+from runtime.robot.guardian.relay import Relay
+from runtime.robot.guardian.stop import SafeStop, decoded, frames_of_stop, replies_of
+from runtime.robot.guardian.wires import FRAMES_AT_ONCE, SHARED, CannotOpen, Wire, load, open_wire
+
+ORDERS = 0  # standard input
+ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
+NAME = "tickwork-guard"
+
+
+def main(answers: int, control: int, page: int, lines: int, bell: int) -> None:
+    """Run the process.
+
+    The arguments are file descriptors: pipe for answers, pidfd of the control process, shared state, lines or -1, bell
+    or -1.
+    """
+    ignore_signals()
+    remove_mark()
+    with open("/proc/self/comm", "w") as file:
+        file.write(NAME)
+    guardian = Guardian(SharedState(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
+    if guardian.prepare():
+        guardian.run()
+
+
+class Guardian:
+    """Guardian of one run, in its process.
+
+    page, lines : shared state and lines of the run; lines is None if the loop drives every bus itself
+    bell : eventfd that the loop signals, or -1
+    answers, control : file descriptors of the pipe for answers, and of the control process (pidfd)
+    """
+
+    def __init__(self, page: SharedState, lines: Lines | None, bell: int, answers: int, control: int) -> None:
+        self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
+        self.received = b""
+        # dead: its loop; gone: the whole process, which may take 20 ms longer
+        # cut off: it no longer has the pipe for orders; ordered: it waits for the end of the stop
+        self.released = self.dead = self.gone = self.cut_off = self.reported = self.ordered = False
+        self.stop = self.verdict = self.owner_death = self.groups = None
+        self.in_send = False  # whether the loop was in a send when the fence was raised, and may still be
+        self.stuck_at = None  # ns at which to check whether the block still hangs
+        self.wires, self.carried, self.places, self.relays = {}, [], {}, []
+        self.drained = {}  # ns, by the index of a wire: everything older has been read
+        self.handover = Handover(())
+        self.successors: dict[int, Successor] = {}  # by the index of a bus that is being taken over
+        self.attend = 0  # ns at which their drives get the next frames
+        self.open_again = 0  # ns at which to open lost interfaces again
+        self.poll = select.poll()
+        for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
+            self.poll.register(descriptor, select.POLLIN)
+
+    def prepare(self) -> bool:
+        """Receive the plan, open the wires, request privileges. Returns False if the run must not start."""
+        while b"\n" not in self.received and not (self.gone or self.released):
+            self._handle_events(None)
+        if self.gone or self.released:
+            return False
+        line, _, self.received = self.received.partition(b"\n")
+        plan = json.loads(line)
+        self.buses, self.devices, self.limit = (
+            plan["buses"],
+            [decoded(device) for device in plan["devices"]],
+            int(plan["limit"] * 1e9),
+        )
+        self.items, self.relays = plan["items"], plan["relays"]
+        self.handover = Handover(plan["locks"])
+        self.successors = {lock["bus"]: Successor(lock["handover"]) for lock in plan["locks"] if lock["handover"] >= 0}
+        self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
+        problems, known = {}, {*sys.modules}
+        for index, bus in enumerate(self.buses):
+            try:
+                self.wires[index] = self._open(index, bus)
+            except CannotOpen as error:
+                problems[bus["name"]] = str(error)
+        if problems:
+            self._answer({"troubles": problems})
+            return False
+        self.carried = [
+            (index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None
+        ]
+        self.restless = any(wire.fileno() is None for _, _, wire in self.carried)
+        self.places = {wire.fileno(): index for index, _, wire in self.carried if wire.fileno() is not None}
+        for descriptor in self.places:
+            self.poll.register(descriptor, select.POLLIN)
+        self.groups = control_group.enter()
+        granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(plan["priority"])
+        self.owner_death = OwnerDeathWatcher(self.page, plan["priority"] or 0)
+        self.poll.register(self.owner_death.fd, select.POLLIN)
+        self.page.take_guard()
+        self.page.look_after(time.monotonic_ns())
+        group = None if self.groups is None else str(self.groups[0])
+        modules = [name for name in sys.modules if name not in known]
+        self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
+        return True
+
+    def _open(self, index, bus):
+        """Open the wire of a bus of the plan. Raises CannotOpen."""
+        successor = self.successors.get(index)
+        if successor is None:
+            return open_wire(bus)
+        shared = bus["interface"] in SHARED
+        wire = open_wire(bus, again=True) if shared else None
+        load(bus["interface"])
+        successor.open()
+        if wire is None:
+            wire = open_wire(bus, again=True)
+        while wire.receive():  # frames of the other process, and replies to it
+            pass
+        self.wires[index] = wire
+        self._attend(time.monotonic_ns())
+        return wire
+
+    def _attend(self, now):
+        """Send the frames of the safe stop to the drives of buses that are taken over, until the loop asks them."""
+        if self.page.beat:
+            while self.successors:
+                self.successors.popitem()[1].arming()
+        elif now >= self.attend:
+            self.attend = now + STOP_ROUND_MAXIMUM
+            for device in self.devices:
+                if device["bus"] in self.successors and device["bus"] in self.wires:
+                    for frame in device["zero"] + device["disable"]:
+                        self.wires[device["bus"]].send(*frame)
+
+    def run(self) -> None:
+        """Watch the loop and carry frames until the run is over, then report and close the wires."""
+        checked = time.monotonic_ns()
+        grace = 0
+        while not self._is_over():
+            self._handle_events(self._poll_timeout())
+            now = time.monotonic_ns()
+            self.page.look_after(now)
+            if now - checked > self.limit // 2:
+                grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
+            checked = now
+            # reported in the shared state: no grace
+            reported = self.page.hung is not None or self.page.suspended > 0
+            if self.stop is None and (self.dead or now >= grace or reported):
+                self.check_loop(now)
+            if self.successors:
+                self._attend(now)
+            self.carry()
+            self.stop_again_if_due(now)
+            if self.stop is not None and self.verdict is not None and not self.stop.over:
+                self._listen(self.stop)
+                self.stop.step(now)
+                if self.reported and now >= self.open_again:
+                    self._open_again(self.stop, now)
+                if self.ordered or self.reported and self._has_ended():
+                    self._hand_over(self.stop)
+                self._report_stop(self.stop, self.verdict, now)
+            if self.stuck_at is not None and now >= self.stuck_at:
+                self._report_hang()
+        self._leave()
+
+    def _is_over(self):
+        """Return whether the run, and a safe stop in progress, have ended."""
+        if not self._has_ended() or self.in_send:
+            return False
+        return self.stop is None or self.reported and (self.released or self.stop.over)
+
+    def _has_ended(self):
+        """Return whether the run has ended."""
+        return self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
+
+    def _poll_timeout(self):
+        """Return the time-out of the next poll in ms."""
+        if self.restless or (self.stop is not None and not self.stop.over):
+            return 1
+        return GUARDIAN_LOOK_PERIOD // 1_000_000
+
+    def _handle_events(self, milliseconds):
+        """Wait for an event, and handle it."""
+        for descriptor, event in self.poll.poll(milliseconds):
+            if descriptor == self.bell:
+                with suppress(BlockingIOError):
+                    os.eventfd_read(self.bell)
+            elif descriptor in self.places:
+                self.receive(self.places[descriptor])
+                if event & select.POLLHUP or not event & select.POLLIN:  # disconnected
+                    self.poll.unregister(descriptor)
+                    self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
+            elif descriptor == self.control:
+                self.dead = self.gone = True
+                self.poll.unregister(self.control)
+            elif self.owner_death is not None and descriptor == self.owner_death.fd:
+                self.dead = True
+                self.poll.unregister(descriptor)
+            else:
+                data = os.read(ORDERS, 1 << 20)
+                self.received += data
+                if self.owner_death is not None:  # the plan is complete
+                    self._follow_orders()
+                self.released = self.released or data.endswith(b"release\n")
+                if not data:
+                    self.poll.unregister(ORDERS)
+                    if maps(self.page.control, self.page.fd):
+                        self.cut_off = not self.released
+                    else:  # it runs another program, under its number
+                        self.dead = self.gone = True
+
+    def _follow_orders(self):
+        """Carry out the complete lines of orders: a safe stop of the actuators that the loop's own stop has left."""
+        *lines, self.received = self.received.split(b"\n")
+        for line in lines:
+            if line == b"release":
+                self.released = True
+                continue
+            order = json.loads(line)
+            now = time.monotonic_ns()
+            if self.stop is None or self.stop.over:
+                self.begin_stop("unconfirmed", now - self.page.beat, now, order["devices"], order["lasts"])
+            else:
+                self.stop.lasts = round(order["lasts"] * 1e9)
+            self.ordered = True
+
+    def check_loop(self, now: int) -> None:
+        """Check the loop, and begin the safe stop if it has died, hangs, has stalled, is cut off or was suspended.
+
+        now : ns of CLOCK_MONOTONIC
+        """
+        if self.page.state not in ACTIVE:
+            return
+        silent = now - self.page.beat
+        if self.dead or self.page.crashed:
+            self.begin_stop("died", silent, now)
+        elif self.page.hung is not None:
+            self.begin_stop("hung", silent, now)
+            self.stuck_at = now + HANG_REPORT_DELAY
+        elif self.page.suspended:
+            self.begin_stop("suspended", self.page.suspended, now)
+        elif self.cut_off:
+            self.begin_stop("cut off", silent, now)
+        elif silent > self.limit:
+            self.begin_stop("stalled", silent, now)
+
+    def begin_stop(
+        self, because: str, silent: int, now: int, only: list[str] | None = None, lasts: float = STOP_ORPHANED
+    ) -> None:
+        """Raise the fence and begin the safe stop.
+
+        because : "died", "hung", "suspended", "cut off", "stalled", or "unconfirmed" by the loop's own stop
+        silent : ns since the newest tick, or for which the computer was suspended
+        now : ns of CLOCK_MONOTONIC
+        only : names of the devices to stop; None for all
+        lasts : s for which it continues after it was reported
+        """
+        self.page.raise_fence()
+        self.page.show_stop(True)
+        self.reported = False
+        self.verdict = self.verdict or {
+            "event": "guardian",
+            "because": because,
+            "silent": silent * 1e-9,
+            "state": self.page.state,
+            "last_tick": self.page.statistics()["last_tick"],
+        }
+        if self.page.hung is not None:
+            self.verdict["block"] = self._block_name()
+        if self.page.crashed:
+            with suppress(ValueError):  # a defective process may have overwritten the number
+                self.verdict["signal"] = signal.Signals(self.page.crashed).name
+        for index, wire in self.wires.items():
+            if self.buses[index]["line"] is None:
+                wire.listen(replies_of(self.devices, index))
+            else:
+                self.receive(index)  # replies to earlier commands confirm nothing
+            self.drained[index] = time.monotonic_ns()
+        relays = [Relay(relay, now - silent) for relay in self.relays]
+        devices = [device for device in self.devices if only is None or device["name"] in only]
+        moving = only is None and self.verdict["last_tick"] >= 0
+        self.stop = SafeStop(devices, self.wires, now, moving, relays, self.page.out, round(lasts * 1e9))
+        self.stop.step(now)
+        self.in_send = self.page.sending and not self.dead
+
+    def stop_again_if_due(self, now: int) -> None:
+        """Repeat the stop once the loop has left the send that it had begun before the fence: its commands came last.
+
+        now : ns of CLOCK_MONOTONIC
+        """
+        if self.verdict is None or not self.in_send or (self.page.sending and not self.dead):
+            return
+        self.in_send = self.reported = False
+        self.page.show_stop(True)
+        self.verdict["again"] = True
+        self.stop = SafeStop(self.devices, self.wires, now, moving=False, lasts=round(STOP_ORPHANED * 1e9))
+        self.stop.step(now)
+
+    def _hand_over(self, stop):
+        """Offer the buses of a stop that continues after the run to another run."""
+        while self.relays:  # after the damping, the other run may need their lines
+            os.close(self.relays.pop()["descriptor"])
+        self.handover.begin()
+        for line in self.handover.step(stop, self._close_wire):
+            print_over_status(f"tickwork guardian: {line}")
+
+    def _close_wire(self, index):
+        """Close the interface of a bus."""
+        for descriptor in [key for key, place in self.places.items() if place == index]:
+            self.poll.unregister(descriptor)
+            del self.places[descriptor]
+        self.wires[index].close()
+        self._set_wire(index, Wire())
+
+    def _set_wire(self, index, wire):
+        """Let a wire replace that of a bus."""
+        self.wires[index], line = wire, self.buses[index]["line"]
+        if line is None:
+            wire.listen(replies_of(self.devices, index))
+            return
+        self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, wire)]
+        self.restless = any(each.fileno() is None for _, _, each in self.carried)
+        descriptor = wire.fileno()
+        if descriptor is not None:
+            self.places[descriptor] = index
+            self.poll.register(descriptor, select.POLLIN)
+
+    def _open_again(self, stop, now):
+        """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
+        self.open_again = now + STOP_ROUND_MAXIMUM
+        for index in stop.lost:
+            with suppress(CannotOpen):
+                again = open_wire(self.buses[index], again=True)
+                self._close_wire(index)
+                self._set_wire(index, again)
+
+    def _block_name(self):
+        """Return the name of the item in which the tick hangs."""
+        item = self.page.hung
+        return self.items[item] if item is not None and 0 <= item < len(self.items) else "the tick"
+
+    def carry(self) -> None:
+        """Send the frames of the loop; behind the fence only those of the safe stop."""
+        lines = self.lines
+        if lines is None:
+            return
+        for index, line, wire in self.carried:
+            for identifier, data, _ in lines.take(line):
+                if (self.verdict is not None or self.page.fenced) and (index, identifier, data) not in self.harmless:
+                    lines.count_up(line, "withheld")
+                else:
+                    wire.send(identifier, data)
+            if self.restless and wire.fileno() is None:
+                self.receive(index)
+            if wire.counts:
+                for kind, many in wire.counts.items():
+                    lines.count_up(line, kind, many)
+                wire.counts.clear()
+            if wire.trouble is not None:
+                lines.fail(line, wire.trouble[0])
+
+    def receive(self, index: int) -> None:
+        """Pass received frames of a carried bus to the loop, and to a safe stop in progress.
+
+        index : of the bus in the plan
+        """
+        before = time.monotonic_ns()
+        frames = self.wires[index].receive()
+        now = time.monotonic_ns()
+        for identifier, data, arrival in frames:
+            if self.lines is not None:
+                self.lines.give(self.buses[index]["line"], identifier, data, arrival)
+            if self.stop is not None:
+                self.stop.receive(index, identifier, data, now, self.drained[index])
+        if len(frames) < FRAMES_AT_ONCE:
+            self.drained[index] = before
+
+    def _listen(self, stop):
+        """Receive frames during a safe stop on a bus that the loop drives."""
+        for index, wire in self.wires.items():
+            if self.buses[index]["line"] is None:
+                before = time.monotonic_ns()
+                frames = wire.receive()
+                for identifier, data, _ in frames:
+                    stop.receive(index, identifier, data, time.monotonic_ns(), self.drained[index])
+                if len(frames) < FRAMES_AT_ONCE:
+                    self.drained[index] = before
+
+    def _report_stop(self, stop, verdict, now):
+        """Report a safe stop on standard error once its time is up, and again when a device has confirmed late."""
+        if not stop.is_due(now):
+            return
+        report = stop.report()
+        if self.reported:
+            late = [name for name in verdict["unconfirmed"] if name not in report["unconfirmed"]]
+            if late:
+                seconds = (now - stop.began) * 1e-9
+                print_over_status(f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s")
+        verdict |= report
+        if not self.reported:
+            self.reported = True
+            self.page.show_stop(False)
+            print_over_status(_in_words(verdict))
+        if stop.over and self.ordered:
+            self._answer({"stop": verdict})
+
+    def _report_hang(self):
+        """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
+        self.stuck_at = None
+        if self.page.state in ("arming", "running") and not self.gone:
+            words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
+            print_over_status(words)
+
+    def _leave(self):
+        if self.verdict is not None and self.gone:
+            self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
+        self.page.look_after(0)
+        self._answer(
+            {
+                "stop": self.verdict,
+                "troubles": {
+                    self.buses[index]["name"]: wire.trouble[1]
+                    for index, wire in self.wires.items()
+                    if wire.trouble is not None
+                },
+            }
+        )
+        self.handover.close()
+        for wire in self.wires.values():
+            wire.close()
+        if self.groups is not None:
+            control_group.leave(*self.groups)
+
+    def _answer(self, message):
+        """Send a line of JSON to the control process, if it still reads."""
+        with suppress(BrokenPipeError):
+            os.write(self.answers, json.dumps(message).encode() + b"\n")
+
+
+def _in_words(verdict):
+    """Return a verdict as one line of text."""
+    tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
+    why = {
+        "died": f"the control process died{_cause(verdict)} after {tick}",
+        "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "suspended": f"the computer was suspended for {verdict['silent']:.1f} s after {tick}",
+        "cut off": f"the control process has closed its connection to the guardian after {tick}",
+        "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "unconfirmed": f"the stop after {tick} was not confirmed by every actuator",
+    }[verdict["because"]]
+    done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(
+        verdict["confirmed"]
+    )
+    done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
+    can_end = "; Ctrl-C ends them" if verdict["because"] == "unconfirmed" and sys.stderr.isatty() else ""
+    done += [f"its frames go on at a falling rate{can_end}"] * bool(verdict["unconfirmed"])
+    if verdict.get("again"):
+        why += "; a send that had begun before followed, and the stop is repeated"
+    return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"
+
+
+def _cause(verdict):
+    """Return ' of SIGSEGV in left/law', if the process reported its signal, else ''."""
+    return f" of {verdict['signal']} in {verdict.get('block', 'the tick')}" if "signal" in verdict else ""
+
+
+def _obtain_privileges(priority):
+    """Request privileges that protect the guardian from other processes. Returns a list of those granted.
+
+    priority : of SCHED_FIFO, None for an ordinary process
+    """
+    granted = []
+    realtime.set_timer_slack(1)
+    gc.collect()
+    gc.freeze()
+    with suppress(OSError):
+        with open("/proc/self/oom_score_adj", "w") as file:
+            file.write("-1000")
+        granted.append("last to be killed for memory")
+    if capable(CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        with suppress(OSError):
+            realtime.lock_memory()
+            granted.append(MEMORY_LOCKED)
+    if priority is not None:
+        with suppress(OSError):
+            for thread in threading.enumerate():  # including those that receive from an interface
+                if thread.native_id is not None:
+                    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+                    os.sched_setscheduler(thread.native_id, policy, os.sched_param(priority))
+            granted.append(f"{REALTIME} {priority}")
+    return granted

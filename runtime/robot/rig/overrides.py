@@ -1,0 +1,101 @@
+"""Changes that a rig makes to a diagram: hardware parameters of devices, and bitrates of buses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from graph import Device, DiagramError
+from graph.names import suggestion
+from runtime.robot.rig.errors import RigError, RigProblem
+
+if TYPE_CHECKING:
+    from graph import Diagram
+    from runtime.robot.rig.file import RigFile
+
+
+def override(rig: RigFile, diagram: Diagram) -> None:
+    """Apply a rig to a diagram before it is compiled. Raises RigError with every mismatch of the two.
+
+    rig : RigFile
+    """
+    devices = {block.path: block for block in diagram if isinstance(block, Device)}
+    problems = list(_unmapped(rig, {block.bus for block in devices.values() if block.medium != "stream"}))
+    for path, values in rig.devices.items():
+        if path in devices:
+            problems += _changed(devices[path], values, str(rig.path))
+        else:
+            problems.append(_unknown_path(path, diagram, devices))
+    problems += _other_bitrates(rig, devices.values())
+    if problems:
+        raise RigError(rig.path, problems)
+    for block in devices.values():
+        if block.medium == "can":
+            block.bitrate = float(rig.buses[block.bus].bitrate)
+
+
+def _other_bitrates(rig, devices):
+    """Yield a RigProblem for each device with another bitrate than its bus."""
+    for device in devices:
+        bus = rig.buses.get(device.bus)
+        if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
+            yield RigProblem(
+                "TW103",
+                f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, but {device.path} is set to "
+                f"{device.bitrate / 1e3:g} kbit/s",
+                f"connect it to a separate bus, or set the device to {bus.bitrate / 1e3:g} kbit/s and write "
+                f'[device."{device.path}"] '
+                f"bitrate = {bus.bitrate}",
+            )
+
+
+def _unmapped(rig, names):
+    """Yield a RigProblem for each bus of the diagram without an interface. names : of its buses"""
+    for name in sorted(names - rig.buses.keys()):
+        near = suggestion(name, rig.buses.keys() - names)
+        yield RigProblem(
+            "TW104",
+            f"no interface for bus {name!r}" + (f"; {near}" if near else ""),
+            f'add [bus.{name}] with interface = "socketcan" and channel = "can0"',
+        )
+
+
+def _unknown_path(path, diagram, devices):
+    """Return the RigProblem of a path without a device."""
+    if path in diagram.blocks:
+        kind = type(diagram.blocks[path]).__name__
+        return RigProblem(
+            "TW103",
+            f'[device."{path}"] is a {kind} and not a device',
+            f"a rig changes hardware parameters only; for one run, --set {path}.PARAMETER=VALUE changes any block",
+        )
+    return RigProblem(
+        "TW103",
+        f'[device."{path}"]: {diagram.name} has no such device',
+        suggestion(path, devices)
+        or _unquoted(path, devices)
+        or f"its devices are {', '.join(sorted(devices)) or 'none'}",
+    )
+
+
+def _unquoted(path, devices):
+    """Return the hint for [device.left.knee], a table within a table in TOML, "" for another path."""
+    inside = next((device for device in devices if device.startswith(f"{path}/")), "")
+    return inside and f'quote the whole path: [device."{inside}"]'
+
+
+def _changed(device, values, source):
+    """Set the valid values of a device; yield a RigProblem for each invalid one. source : path of the rig file"""
+    for name, value in values.items():
+        entry = f'[device."{device.path}"] {name}'
+        if name not in device.hardware:
+            known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
+            if name in device.parameters:
+                yield RigProblem("TW102", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
+            else:
+                yield RigProblem("TW102", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
+            continue
+        try:
+            device.set(name, value, source)
+        except DiagramError as error:
+            message = error.diagnostics[0].message.removeprefix(f"{name}: ")
+            yield RigProblem("TW102", f"{entry} = {value!r}: {message}", device.parameters[name].description)

@@ -1,0 +1,1 @@
+"""Devices, computer and laboratory before a run."""

@@ -1,0 +1,235 @@
+"""Cost of buses, and time from kill -9 to the stop of the motors, over sockets of this machine.
+
+CAN hardware adds its own.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import signal
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import can
+
+from cext.bus.socketcan import SocketCan
+from cext.ring.rings import Line, Lines
+from cext.safety.shared_state import SharedState
+from cext.schedule.bus_cost import time_of_ticks
+from runtime.host.machine.realtime import PRIORITY
+from runtime.robot.guardian import GuardianProcess
+from runtime.setup.bench.drives import node
+from runtime.setup.bench.processes import START_TIMEOUT, emulation, run_on_rig
+
+if TYPE_CHECKING:
+    from can import BusABC
+    from can.message import Message
+
+    from cext.bus.memory_bus import BusEnd
+
+SO_TIMESTAMPNS = 35
+ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")  # zero torque
+DISABLE = bytes.fromhex("fffffffffffffffd")
+PACE = 0.001  # s between round trips
+ROUNDS_OF_CALL = 500
+
+ROBOT = """
+from blocks.families import benchmark
+from blocks.limiters import TorqueLimiter
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("bench", rate=200) as diagram:
+    torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
+    for can_id in (1, 2):
+        typical = benchmark("can")
+        place = {"bus": "legs", "can_id": can_id, "range": (-1.0, 1.0), "wake_shift": 0.0, "name": f"knee{can_id}"}
+        knee = typical.block(**typical.parameters, **place)
+        knee(torque_command=torque)
+"""
+
+
+def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[int]]:
+    """Time a bus over UDP on the loopback interface.
+
+    frames : per tick, received and sent
+    rounds : ticks
+
+    Returns (ns of each tick's receive and send through a bus, ns of the two system calls alone).
+    """
+    with ExitStack() as stack:
+        own, other = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
+        for end in (own, other):
+            end.bind(("127.0.0.1", 0))
+        own.connect(other.getsockname())
+        other.connect(own.getsockname())
+        own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        bus = SocketCan(own)
+        time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds // 10)  # warm
+        through, alone = [], []
+        while len(through) < rounds:  # a signal is handled between two calls
+            count = min(ROUNDS_OF_CALL, rounds - len(through))
+            for times, new in zip(
+                (through, alone), time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, count), strict=True
+            ):
+                times += new
+        return through, alone
+
+
+def drives(channel: str, *identifiers: int) -> AbstractContextManager[None]:
+    """Context manager of a process that emulates drives. Raises OSError if it does not start.
+
+    channel : multicast group
+    identifiers : ids of the drives
+    """
+    return emulation(
+        "runtime.setup.bench.drives",
+        channel,
+        *map(str, identifiers),
+        what="drives",
+        remedy=". Check that multicast works on the loopback interface",
+    )
+
+
+def channel() -> str:
+    """Return a random multicast group, unlikely to be in use."""
+    return f"239.{random.randrange(1, 255)}.{random.randrange(255)}.{random.randrange(1, 255)}"
+
+
+def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[float]]:
+    """Time round trips to an emulated drive, in alternating chunks.
+
+    Returns (s of each through python-can alone, s of each through the guardian). Raises OSError without a reply.
+    """
+    group = channel()
+    direct, carried = [], []
+    with drives(group, ID), through_guardian(group) as line, ExitStack() as stack:
+        bus = node(group)
+        stack.callback(bus.shutdown)
+        for _ in range(chunks):
+            direct += [_trip(lambda: send(bus), lambda: _answered(bus)) for _ in range(trips)]
+            while line.receive():  # the guardian carried those frames as well
+                pass
+            carried += [
+                _trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
+                for _ in range(trips)
+            ]
+            while bus.recv(0) is not None:
+                pass
+    return direct, carried
+
+
+def _trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
+    time.sleep(PACE)
+    began = time.perf_counter()
+    send()
+    while not answered():
+        if time.perf_counter() - began > 1.0:
+            raise OSError("a drive did not reply within 1 s")
+    return time.perf_counter() - began
+
+
+def send(bus: BusABC) -> None:
+    """Send the command of zero torque to the drive ID."""
+    bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
+
+
+def _answered(bus: BusABC) -> bool:
+    message = bus.recv(0)
+    return message is not None and message.data[0] == ID
+
+
+@contextmanager
+def through_guardian(group: str) -> Iterator[BusEnd]:
+    """Context manager of the loop's end of a bus whose frames the guardian carries."""
+    page, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    guardian = GuardianProcess(page, lines, bell, [])
+    try:
+        guardian.configure(
+            {
+                "buses": [
+                    {
+                        "name": "bench",
+                        "interface": "udp_multicast",
+                        "channel": group,
+                        "bitrate": 1_000_000,
+                        "fd": False,
+                        "options": {},
+                        "virtual": False,
+                        "line": 0,
+                    }
+                ],
+                "devices": [],
+                "locks": [],
+                "relays": [],
+                "items": [],
+                "limit": 1.0,
+                "priority": PRIORITY + 1,
+            }
+        )
+        yield Line(lines, 0, bell).end
+        guardian.finish()
+    finally:
+        guardian.kill()
+        os.close(bell)
+
+
+def kills(count: int = 100) -> list[float]:
+    """Kill runs, and time the stop of their drives.
+
+    Returns s from kill -9 of each run to the first stop frame of the later of its two drives; inf without one.
+    """
+    stop_times = []
+    with tempfile.TemporaryDirectory() as folder:
+        robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
+        robot.write_text(ROBOT)
+        group = channel()
+        rig.write_text(f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n')
+        with drives(group, 1, 2), ExitStack() as stack:
+            bus = node(group)
+            stack.callback(bus.shutdown)
+            for _ in range(count):
+                stop_times.append(_one_kill(bus, robot, rig))
+                time.sleep(0.3)  # its guardian releases the bus
+    return stop_times
+
+
+def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
+    with run_on_rig(robot, rig) as process:
+        if not listen(bus, START_TIMEOUT, _under_torque):
+            raise OSError("the run under test did not start")
+        time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
+        while bus.recv(0) is not None:
+            pass
+        killed = time.time()
+        process.send_signal(signal.SIGKILL)
+        first = {}
+        deadline = time.monotonic() + 0.5
+        while time.monotonic() < deadline and len(first) < 2:
+            message = bus.recv(max(0.0, deadline - time.monotonic()))
+            if message is not None and bytes(message.data) == DISABLE:
+                first.setdefault(message.arbitration_id, message.timestamp - killed)
+        return max(first.values()) if len(first) == 2 else float("inf")
+
+
+def listen(bus: BusABC, seconds: float, matches: Callable[[Message], bool]) -> Message | None:
+    """Return the first message that matches, or None without one within `seconds`."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if select.select([bus], [], [], 0.1)[0]:
+            message = bus.recv(0)
+            if message is not None and matches(message):
+                return message
+    return None
+
+
+def _under_torque(message: Message) -> bool:
+    data = bytes(message.data)
+    return data[0] != message.arbitration_id and data != COMMAND and data[:7] != b"\xff" * 7

@@ -1,0 +1,61 @@
+"""Processes beside a measurement, which are killed at its end."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from runtime.host.system import end_with_parent
+
+ROOT = Path(__file__).parents[3]
+START_TIMEOUT = 10.0  # s until a run commands torque
+
+
+@contextmanager
+def emulation(
+    module: str, *arguments: str, what: str, remedy: str = "", descriptors: Sequence[int] = ()
+) -> Iterator[None]:
+    """Context manager of a process that emulates devices. Raises OSError if it does not start.
+
+    module : prints a line when its devices are ready
+    what, remedy : for the message, such as "drives" and ". Check that ..."
+    descriptors : file descriptors that the process inherits under the same numbers
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        cwd=ROOT,
+        pass_fds=descriptors,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=end_with_parent,
+    )
+    assert process.stdout is not None
+    try:
+        if process.stdout.readline() != "ready\n":
+            raise OSError(f"the emulated {what} did not start{remedy}")
+        yield
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@contextmanager
+def run_on_rig(robot: Path, rig: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Context manager of a run on a rig, armed without confirmation. robot, rig : paths of their files"""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=end_with_parent,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()

@@ -1,0 +1,67 @@
+"""Output of `bench`: tables followed by goals, or one JSON document."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Sequence
+from typing import Any
+
+from runtime.host.console.terminal import print_lines
+
+
+def machine() -> dict[str, Any]:
+    """Return the Python version and the machine, for the JSON document."""
+    return {"python": platform.python_version(), "machine": platform.machine(), "processors": os.cpu_count()}
+
+
+def machine_lines() -> list[str]:
+    """Return the line on the Python version and the machine."""
+    return ["Python {python} on {machine}, {processors} processors".format(**machine())]
+
+
+class Report:
+    """Printer of tables and goals.
+
+    as_json : whether to collect everything and print one JSON document at the end
+    """
+
+    def __init__(self, as_json: bool) -> None:
+        self.as_json = as_json
+        self.data = {}
+        self.goals = []
+
+    def say(self, lines: Sequence[str], **data: Any) -> None:
+        """Print lines, or collect data for the JSON document.
+
+        data : {key of the document: value}
+        """
+        self.data |= data
+        if not self.as_json:
+            print_lines(lines)
+
+    def finish(self) -> None:
+        """Print the goals, or the JSON document."""
+        if self.as_json:
+            goals = [
+                {
+                    "what": g.what,
+                    "value": g.value,
+                    "goal": g.bound,
+                    "unit": g.unit,
+                    "at_least": g.at_least,
+                    "reached": g.reached,
+                }
+                for g in self.goals
+            ]
+            print_lines([json.dumps({**self.data, "goals": goals}, indent=1, ensure_ascii=False)])
+            return
+        lines = ["", f"{'goals':46}{'measured':>12}{'goal':>18}"]
+        for goal in self.goals:
+            bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
+            lines.append(
+                f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
+                f"{goal.unit:12}{'' if goal.reached else 'not reached'}".rstrip()
+            )
+        print_lines(lines)

@@ -1,0 +1,37 @@
+"""Which processor a loop takes, and that no other loop of the machine takes the same."""
+
+from contextlib import closing
+
+import pytest
+
+from runtime.host.machine.processor import Processor, fastest_first
+
+FAR = 5000  # no run of this machine takes such a number
+
+
+def test_two_loops_use_two_processors_and_a_third_shares_the_fastest():
+    with closing(Processor([FAR + 1, FAR])) as first:
+        second = Processor([FAR + 1, FAR])
+        with closing(second), closing(Processor([FAR + 1, FAR])) as third:
+            assert (first.number, second.number, third.number) == (FAR + 1, FAR, FAR + 1)
+        with closing(Processor([FAR + 1, FAR])) as again:
+            assert again.number == FAR  # what the second has left
+    with closing(Processor([FAR + 1, FAR])) as last:
+        assert last.number == FAR + 1
+
+
+@pytest.mark.parametrize(
+    "speeds, order",
+    [
+        ({}, [3, 2, 1, 0]),  # a virtual machine
+        ({0: "1500000\n", 1: "1500000\n", 2: "1500000\n", 3: "1500000\n"}, [3, 2, 1, 0]),  # a Raspberry Pi
+        # a laptop, whose last ones are the slow ones
+        ({0: "4700000\n", 1: "4700000\n", 2: "3500000\n", 3: "3500000\n"}, [1, 0, 3, 2]),
+    ],
+)
+def test_the_last_of_the_fastest_is_the_best(speeds, order):
+    def text_of(path):
+        number = int(path.removeprefix("/sys/devices/system/cpu/cpu").removesuffix("/cpufreq/cpuinfo_max_freq"))
+        return speeds.get(number, "")
+
+    assert fastest_first({0, 1, 2, 3}, text_of) == order

@@ -1,0 +1,173 @@
+"""A new run takes its buses over from a safe stop that goes on: at the first start, and without a pause in which the
+drives get no frame.
+"""
+
+import re
+import threading
+import time
+from collections import Counter
+from contextlib import contextmanager
+
+import can
+import pytest
+
+from runtime.host.errors import FAULT, OK
+from runtime.robot.guardian.lock import BusLock, BusTaken
+from tests.blocks.actuators import reference
+from tests.runtime.robot.guardian.bus import Bus, guardian_of, is_torque
+from tests.runtime.robot.guardian.drives import AK10_9, open_bus
+from tests.runtime.robot.rig.test_slcan import Adapter, awaited, rig_of
+from tests.runtime.runs import DISABLE, NOTHING, knee, started
+
+pytestmark = pytest.mark.paced
+
+PAUSE = 0.45  # s, longest without a frame to a drive: twice the period of the frames, and what a busy machine adds
+GOES_ON = "go on at a falling rate"
+WAYS = ("the run was killed", "the run waits", "the guardian was killed")
+
+
+class Drives:
+    """Drives of a Bus in a thread, which answer while `awake`."""
+
+    def __init__(self, bus):
+        self.node, self.motors, self.sent, self.awake = open_bus(bus.channel), bus.motors, Counter(), True
+        self.ended = threading.Event()
+        self.thread = threading.Thread(target=self._play)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *exception):
+        self.ended.set()
+        self.thread.join()
+        self.node.shutdown()
+
+    def _play(self):
+        while not self.ended.is_set():
+            heard = self.node.recv(0.05)
+            if heard is None:
+                continue
+            frame = heard.arbitration_id, bytes(heard.data)
+            if self.sent[frame]:
+                self.sent[frame] -= 1
+            elif self.awake and frame[0] in self.motors and len(frame[1]) == 8:
+                answer = bytes(reference.held_reply(AK10_9, frame[0], 0.1, frame[1], 30.0, 0))
+                self.sent[frame[0], answer] += 1
+                self.node.send(can.Message(arbitration_id=frame[0], is_extended_id=False, data=answer))
+
+
+class TimedAdapter(Adapter):
+    """Adapter that keeps the times of its frames, in s."""
+
+    times = ()
+
+    def answer(self, command):
+        if command.startswith("t"):
+            self.times = [*self.times, time.monotonic()]
+        return super().answer(command)
+
+
+def line_of(process, text):
+    """Read standard error of a process until a line contains a text."""
+    line, seen = "", []
+    while text not in line:
+        line = process.stderr.readline()
+        seen.append(line)
+        assert line, f"it ended without {text!r}: {seen}"
+    return line
+
+
+@contextmanager
+def stop_that_goes_on(folder, way):
+    """A stop on a Bus whose drives do not answer. Yields (bus, drives, process of the run)."""
+    with Bus(folder, number=21, answering=False) as bus, Drives(bus) as drives:
+        process = bus.start("--no-record", "--stop-for", "60")
+        bus.await_torque()
+        drives.awake = False
+        if way != "the run waits":
+            (guardian_of(process) if way == "the guardian was killed" else process).kill()
+        line_of(process, GOES_ON)
+        bus.listen(0.7)  # until the frames are rare
+        yield bus, drives, process
+
+
+def longest_pause(frames, motor, since):
+    """Longest time in s between two frames to a motor."""
+    times = [frame.time for frame in frames if frame.identifier == motor and frame.is_command and frame.time >= since]
+    return max(later - earlier for earlier, later in zip(times, times[1:]))
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize("way", WAYS)
+def test_a_new_run_takes_the_buses_over_at_once_and_without_a_pause(way, tmp_path):
+    with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
+        began = time.time()
+        second = bus.start("--no-record", "--duration", "0.5")
+        said = line_of(process, "continues the stop of")
+        assert re.search(rf"process {second.pid} continues the stop of left/knee, right/knee", said)
+        drives.awake = True
+        while second.poll() is None:
+            bus.listen(0.05)
+        process.communicate(timeout=10)
+        _, errors = second.communicate(timeout=20)
+        assert second.returncode in (OK, FAULT), errors  # a busy machine may end it
+        for motor in bus.motors:
+            assert longest_pause(bus.frames, motor, began) < PAUSE
+        assert any(is_torque(frame) for frame in bus.frames if frame.time >= began), errors
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_path):
+    with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
+        began = time.time()
+        lock = BusLock("udp_multicast", bus.channel, {1, 2})
+        assert lock.handover is not None
+        assert lock.handover.send(b"o") and lock.handover.recv(1) == b"c"
+        bus.listen(0.5)
+        assert not bus.commands(1, time.time() - 0.4, asking=True)  # it sends no more
+        lock.close()
+        drives.awake = True
+        text = "".join(process.communicate(timeout=10))
+        bus.listen(0.1)
+        assert {frame.data for motor in bus.motors for frame in bus.commands(motor, began)} == {NOTHING, DISABLE}
+        assert "left/knee" in text and "only after" in text, text
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_run_without_these_drives_and_another_program_are_refused_and_change_nothing(way, tmp_path):
+    with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
+        for identifiers in (None, set(), {2, 3}):
+            with pytest.raises(BusTaken, match="whose stop of left/knee, right/knee continues") as taken:
+                BusLock("udp_multicast", bus.channel, identifiers)
+            assert "a run whose diagram has these drives takes the bus over" in taken.value.remedy
+        began = time.time()
+        bus.listen(1.0)
+        assert len(bus.commands(1, began)) >= 6
+        drives.awake = True
+        process.communicate(timeout=10)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_an_adapter_that_one_process_may_open_is_handed_over(way, tmp_path):
+    with TimedAdapter() as adapter:
+        robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)
+        words = [robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record"]
+        first = started(*words, "--stop-for", "60", cwd=tmp_path)
+        assert awaited(adapter.torque), "no torque was commanded"
+        adapter.drives = ()
+        if way == "the guardian was killed":
+            guardian_of(first).kill()
+        elif way == "the run was killed":
+            first.kill()
+        line_of(first, GOES_ON)
+        time.sleep(0.7)
+        adapter.times = []
+        adapter.frames.clear()
+        second = started(*words, "--stop-for", "0.2", "--duration", "0.5", cwd=tmp_path)
+        line_of(first, "continues the stop of knee")
+        adapter.drives = (1,)
+        first.communicate(timeout=10)
+        _, errors = second.communicate(timeout=20)
+        assert second.returncode in (OK, FAULT) and adapter.torque(), errors
+        assert max(later - earlier for earlier, later in zip(adapter.times, adapter.times[1:])) < PAUSE

@@ -1,0 +1,76 @@
+"""A robot of sensors alone on its rig: real processes, from the pre-flight table to the replay."""
+
+import json
+import time
+
+import pytest
+
+from runtime.host.errors import FAULT, OK
+from tests.runtime.robot.rig.test_microstrain import Sensors
+from tests.runtime.runs import finished, started, write
+
+ROBOT = """
+from blocks.imus import MicroStrain
+from blocks.recorders import CsvRecorder
+from graph import Diagram
+
+with Diagram("walker", rate=200) as diagram:
+    MicroStrain(name="shank", rate=500.0, timeout=0.5)
+    MicroStrain(name="thigh", rate=200.0, timeout=0.5)
+    CsvRecorder()
+"""
+RIG = """
+[device.shank]
+serial = "133931"
+
+[device.thigh]
+serial = "133932"
+"""
+
+
+def await_rows(folder):
+    """Until a run in that folder has written rows."""
+    deadline = time.monotonic() + 15.0
+    # a header is there before it is armed
+    while not any(file.read_bytes().count(b"\n") > 1 for file in folder.glob("recordings/*.csv")):
+        assert time.monotonic() < deadline, "it did not begin"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "tty*"))
+    write(tmp_path, ROBOT, "robot.py")
+    write(tmp_path, RIG, "lab.toml")
+    sensors = Sensors(tmp_path, "133931", "133932=3DM-CV7-AHRS")
+    yield sensors
+    sensors.process.kill()
+    sensors.process.wait()
+    sensors.process.stdout.close()
+
+
+def test_run_with_sensors_arms_records_and_replays_bit_for_bit(robot):
+    run = finished("robot.py", "--rig", "lab.toml", "--yes", "--duration", "0.5", "--record", "out", cwd=robot.folder)
+    assert run.returncode == OK, run.stderr
+    assert "bus shank  serial " in run.stderr + run.stdout and "2 devices, no problems" in run.stderr + run.stdout
+    assert not list((robot.folder / "out").glob("*.can.log"))
+    [recording] = (robot.folder / "out").glob("*.mcap")
+    again = finished("replay", str(recording), cwd=robot.folder)
+    assert again.returncode == OK and "are the same, bit for bit" in again.stdout, again.stdout + again.stderr
+    [sidecar] = (robot.folder / "out").glob("*.json")
+    [buses] = [event for event in json.loads(sidecar.read_text())["events"] if event["event"] == "buses"]
+    assert buses["shank"]["bytes"] > 10_000 and buses["shank"]["losses"] == 0
+
+
+@pytest.mark.hazard("H12d")
+def test_an_unplugged_cable_ends_the_run_and_is_named(robot):
+    run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
+    await_rows(robot.folder)
+    robot.unplug()
+    out, err = run.communicate(timeout=20)
+    assert run.returncode == FAULT
+    assert (
+        "no reply for longer than its timeout (0.5 s); " in err
+        and "tty13393" in err
+        and "disconnected 1 time and still missing" in err
+    )

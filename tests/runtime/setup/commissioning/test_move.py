@@ -1,0 +1,210 @@
+"""`move` over real udp_multicast: what a drive is commanded, within its small limit, and what ends it."""
+
+import pytest
+
+from blocks.actuators.robstride import models
+from graph import compile
+from runtime.host.errors import BAD_INPUT, FAULT, OK
+from runtime.robot.guardian.lock import BusLock
+from runtime.setup.commissioning.move import build
+from tests.blocks.actuators import reference, robstride_reference
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
+from tests.runtime.setup.commissioning.nodes import Mit, Nodes, Private, Servo
+
+pytestmark = pytest.mark.timing
+
+AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
+STEP = 36.0 / 4095  # N·m, a code of torque
+
+
+def moved(folder, nodes, *words, duration="1"):
+    return finished(
+        "move", "3", "--model", "AK80-9", *nodes.words, "--realtime", "off", *words, "--duration", duration, cwd=folder
+    )
+
+
+def commands(drive):
+    return [data.hex().upper() for identifier, extended, data in drive.heard if identifier == 3 and not extended]
+
+
+def law_torque(order, position):
+    """N·m of a drive whose joint stands still at a position."""
+    return order["stiffness"] * (order["position"] - position) + order["damping"] * order["velocity"] + order["torque"]
+
+
+def test_a_torque_rises_slowly_stays_within_a_tenth_of_the_rated_one_and_ends_in_the_safe_stop(tmp_path):
+    drive = Mit(3)
+    with Nodes(60, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.6", "--yes", "--record", "out")
+    assert process.returncode == OK, process.stderr
+    assert process.stdout.startswith(
+        f"AK80-9, id 3 on {nodes.channel}: torque 0.6 N·m for 1 s, torque limit 0.9 N·m (10% of rated); the run ends"
+    )
+    assert "\nmove: 1 s at 200 Hz, on the bus\n" in process.stdout
+    said = commands(drive)
+    assert set(said[: said.index(ENABLE)]) == {DISABLE}, "it is asked for its state before it is enabled"
+    assert said.count(ENABLE) == 1 and said[-2:] == [NOTHING, DISABLE]
+    orders = [reference.read_command(AK80_9, bytes.fromhex(data)) for data in said if data not in (ENABLE, DISABLE)]
+    torques = [order["torque"] for order in orders]
+    assert max(torques) == pytest.approx(0.6, abs=STEP) and min(torques) >= -STEP
+    assert {order["stiffness"] for order in orders} == {order["damping"] for order in orders} == {0.0}
+    steps = [abs(after - before) for before, after in zip(torques, torques[1:-3])]
+    assert max(steps) < 0.9 * 2.0 * 3.0 / 200.0 + 2 * STEP  # of the limiter's slew, to the codes of the wire
+    files = Files(tmp_path / "out")
+    assert files.sidecar["missed"] == 0 or files.table["tick"][-1] == 199
+    assert max(files.table["actuator.torque_sent [N*m]"]) == pytest.approx(0.6, abs=STEP)
+
+
+@pytest.mark.soak
+def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_path):
+    drive = Mit(3, position=0.1)
+    with Nodes(61, drive) as nodes:
+        process = moved(tmp_path, nodes, "--position", "0.3", "--speed", "0.4", "--yes", "--no-record")
+    assert process.returncode == OK, process.stderr
+    orders = [
+        reference.read_command(AK80_9, bytes.fromhex(data))
+        for data in commands(drive)
+        if data not in (ENABLE, DISABLE, NOTHING)
+    ]
+    # 1.8 N·m/rad over 0.2 rad, at 0.4 rad/s and faded in; the limit moves a part of the spring to the feed-forward
+    torques = [law_torque(order, 0.1) for order in orders]
+    assert max(order["stiffness"] for order in orders) <= 1.8 + 0.13
+    assert torques[-10] == pytest.approx(0.36, abs=2 * STEP) and max(torques) < 0.36 + 2 * STEP
+    assert torques[0] == pytest.approx(0.0, abs=2 * STEP)
+    assert max(after - before for before, after in zip(torques, torques[1:])) < 3 * 1.8 * 0.4 / 200 + 2 * STEP
+    assert commands(drive)[-1] == DISABLE
+
+
+@pytest.mark.soak
+def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path):
+    drive = Private(9)
+    with Nodes(64, drive) as nodes:
+        process = finished(
+            "move",
+            "9",
+            "--model",
+            "RS02",
+            *nodes.words,
+            "--realtime",
+            "off",
+            "--velocity",
+            "1",
+            "--duration",
+            "1",
+            "--yes",
+            "--no-record",
+            cwd=tmp_path,
+        )
+    assert process.returncode == OK, process.stderr
+    limits = robstride_reference.ranges(models.find("RS02"))
+    orders = [
+        robstride_reference.read_command(limits, (0x80000000 | identifier, data))
+        for identifier, _, data in drive.heard
+        if identifier >> 24 == 1
+    ]
+    # of 0.6 N·m·s/rad the limit of a tenth of 6 N·m leaves 2 limit / (a (age + 2 periods)), a = 500 rad/s²
+    assert 0.15 < max(law_torque(order, 0.25) for order in orders) < 0.24
+    assert max(order["damping"] for order in orders) <= 0.6 and {order["stiffness"] for order in orders} == {0.0}
+    assert "36 °C        none" in process.stderr and drive.mode == 0
+
+
+@pytest.mark.soak
+def test_in_servo_mode_move_sends_a_current_that_ends_at_zero(tmp_path):
+    """An AK60-6 V1.1: 0.2 N·m over 0.078 N·m/A at the motor, behind a gear of 6, is 0.427 A."""
+    drive = Servo(4, error=0)
+    with Nodes(66, drive) as nodes:
+        process = finished(
+            "move",
+            "4",
+            "--model",
+            "AK60-6-V1.1",
+            "--servo",
+            *nodes.words,
+            "--realtime",
+            "off",
+            "--torque",
+            "0.2",
+            "--duration",
+            "1",
+            "--yes",
+            "--no-record",
+            cwd=tmp_path,
+        )
+    assert process.returncode == OK, process.stderr
+    assert "torque 0.2 N·m for 1 s, torque limit 0.3 N·m (10% of rated)" in process.stdout
+    currents = [
+        int.from_bytes(data, "big", signed=True)
+        for identifier, extended, data in drive.heard
+        if extended and identifier == 1 << 8 | 4
+    ]
+    assert max(currents) == pytest.approx(427, abs=1) and min(currents) >= 0 and currents[-1] == 0
+    assert {identifier >> 8 for identifier, extended, _ in drive.heard if extended} == {1}
+
+
+@pytest.mark.parametrize("block, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
+@pytest.mark.parametrize("kind, target", [("torque", 0.2), ("velocity", 1.0), ("position", 0.3)])
+def test_move_is_proved_within_the_limit_for_every_board_and_target(block, model, kind, target):
+    schedule = compile(build(block=block, model=model, kind=kind, target=target, limit=0.5))
+    closes_its_own_loop = block == "CubeMarsServo" and kind in ("position", "velocity")
+    assert [warning.code for warning in schedule.warnings] == ["TW029"] * closes_its_own_loop
+    assert all(proof.interval in proof.limit for proof in schedule.proofs)
+    assert schedule.proofs
+
+
+def test_a_motor_that_runs_away_ends_the_run(tmp_path):
+    drive = Mit(3, velocity=4.0)
+    with Nodes(62, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.5", "--fastest", "3", "--yes", "--no-record", duration="30")
+    assert process.returncode == FAULT and "too_fast" in process.stderr
+    assert commands(drive)[-1] == DISABLE
+
+
+def test_without_confirmation_or_yes_nothing_is_armed(tmp_path):
+    drive = Mit(3)
+    with Nodes(63, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.5")
+    assert (
+        process.returncode == BAD_INPUT
+        and "confirms the pre-flight table with Enter" in process.stderr
+        and drive.heard == []
+    )
+
+
+def test_a_bus_of_another_process_is_reported_without_the_temporary_rig(tmp_path):
+    with Nodes(64) as nodes:
+        lock = BusLock("udp_multicast", nodes.channel)
+        try:
+            process = moved(tmp_path, nodes, "--torque", "0.5", "--yes", "--no-record")
+        finally:
+            lock.close()
+    assert process.returncode == BAD_INPUT
+    assert process.stderr.startswith("tickwork: error TW106 bus controlled by another process: [bus.can]")
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["3"], "no target given: pass --torque T, --position P or --velocity V"),
+        (["3", "--torque", "1"], "no model given"),
+        (
+            ["3", "--torque", "1", "--model", "AK80-9"],
+            "--torque 1 exceeds the limit of 0.9 N·m (10% of rated); --limit 1 allows it",
+        ),
+        (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: pass a --limit"),
+        (["3", "--torque", "1", "--model", "AK80-8", "--servo", "--mit"], "not allowed with"),
+        (["3", "--torque", "10", "--model", "AK80-9"], "the highest limit is its rated torque, 9 N·m"),
+        (
+            ["3", "--torque", "1", "--model", "AK80-9", "--limit", "12"],
+            "--limit 12: at most the rated torque of AK80-9, 9 N·m",
+        ),
+        (["3", "--torque", "nan", "--model", "AK80-9"], "--torque nan: expected a number of N·m"),
+        (["3", "--velocity", "20", "--model", "AK80-9"], "the run ends at 10 rad/s; --fastest 40 allows it"),
+        (["3", "--position", "13", "--model", "AK80-9"], "outside the encoded range of AK80-9, ±12.5 rad"),
+        (["3", "--torque", "1", "--model", "AK10-9"], "has driver boards of several generations"),
+        (["3", "--torque", "1", "--model", "RS2"], "is not a RobStride model"),
+        (["3", "--torque", "1", "--position", "1", "--model", "AK80-9"], "not allowed with argument"),
+        (["3", "--torque", "1", "--model", "CyberGear", "--mit"], "the CyberGear has no MIT protocol"),
+    ],
+)
+def test_move_rejects_invalid_options_with_reason(command_line, words, said):
+    assert said in command_line.refused("move", *words)
