@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs stencils test test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
+.PHONY: help run lint stencils test test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -35,18 +35,18 @@ endif
 RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, runtime.robot.rig.file, serial, smbus2
 
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
+STUBBED := $(shell find blocks graph cext/stubs.py -name '*.py')
 
 help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test           set up .venv, build, lint, and run the tests; select with TESTS='tests/graph -k units'"
 	echo "make lint           check style and format with ruff, and types with pyright"
-	echo "make stubs          write the type stubs of blocks and of native modules"
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
 	echo "make reference      run the programs of Epically Powerful on emulated devices, in an environment of their own"
 	echo "make soak           run the long tests; a missing tool, such as the fuzzer, is an error"
 	echo "make sanitize       run the tests of native code with AddressSanitizer, UBSan and ThreadSanitizer"
-	echo "make build          compile changed modules"
+	echo "make build          compile changed modules and write type stubs of blocks and of native modules"
 	echo "make docs           build the site into build/site, without a network"
 	echo "make test-all       run the tests with every CPython from 3.10 to 3.13, and with the oldest libraries"
 	echo "make wheel          write wheel and source archive to dist/"
@@ -54,7 +54,7 @@ help:
 	echo "make clean          remove built files"
 	echo "PYTHON=python3.12 make ...  use another Python"
 
-run: $(VENV)/installed
+run: $(VENV)/stubs
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
 define ruff
@@ -67,7 +67,7 @@ pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 # time, with nothing beside them, and those that measure it (`timing`) one at a time. Only the files of these are collected: the
 # collection of all takes 7 s.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
-test: $(VENV)/installed-test
+test: $(VENV)/installed-test $(VENV)/stubs
 	$(ruff)
 	$(pyright)
 	if [ -n "$(TESTS)" ]; then exec $(VENV)/bin/python -m pytest $(TESTS); fi
@@ -75,13 +75,9 @@ test: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
 
-lint: $(VENV)/installed-test
+lint: $(VENV)/installed-test $(VENV)/stubs
 	$(ruff)
 	$(pyright)
-
-stubs: $(VENV)/installed-test
-	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
-	$(VENV)/bin/python -m cext.stubs
 
 stencils: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m cext.fused
@@ -110,15 +106,15 @@ sanitize: $(VENV)/installed-test
 	$(VENV)/bin/python -m tests.sanitizing.laboratory address $(TESTS)
 	exec $(VENV)/bin/python -m tests.sanitizing.laboratory thread $(TESTS)
 
-build: $(VENV)/built
+build: $(VENV)/built $(VENV)/stubs
 
 docs: $(VENV)/installed-docs
 	exec $(VENV)/bin/python -m tests.docs.site
 
-wheel: $(VENV)/installed-test
+wheel: $(VENV)/installed-test $(VENV)/stubs
 	exec $(VENV)/bin/python -m build --no-isolation
 
-wheels:
+wheels: $(VENV)/stubs
 	exec .ci/wheels
 
 # The oldest libraries are those that pyproject.toml names as the minimum of each, on the oldest Python of this machine.
@@ -134,6 +130,7 @@ test-all:
 clean:
 	rm -rf build dist docs/api tickwork.egg-info .venv*/built
 	find cext -name '*.so' -delete -o -name '*.c' -delete
+	git ls-files --others --ignored --exclude-standard '*.pyi' | xargs -r rm
 	find blocks cext graph runtime diagrams tests -name __pycache__ -prune -exec rm -rf {} +
 
 FORCE:
@@ -282,6 +279,13 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	    install --no-build-isolation -e .
 	}
 	compile_imports
+	mv $@.start $@
+
+# Stubs are for editors and type checkers: git ignores them, wheels contain them.
+$(VENV)/stubs: $(STUBBED) $(SOURCES) $(VENV)/built | $(VENV)/installed
+	touch $@.start
+	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
+	$(VENV)/bin/python -m cext.stubs
 	mv $@.start $@
 
 $(VENV)/installed-docs: pyproject.toml $(VENV)/tools | $(VENV)/built

@@ -1,5 +1,6 @@
 """The wheel and the source archive, built and installed as a user would."""
 
+import shutil
 import subprocess
 import sysconfig
 import tarfile
@@ -18,6 +19,8 @@ pytestmark = pytest.mark.soak
 def archives(tmp_path_factory):
     """Names in the wheel and in the source archive, and the wheel."""
     clone = copy_tracked(tmp_path_factory.mktemp("clone"))
+    for stub in sources(".pyi"):  # of the build, as `make wheel` has them
+        shutil.copy2(ROOT / stub, clone / stub)
     build = python("-m", "build", "--no-isolation", "--outdir", clone / "dist", cwd=clone, timeout=900)
     assert build.returncode == 0, build.stdout + build.stderr
     [wheel], [source] = (clone / "dist").glob("*.whl"), (clone / "dist").glob("*.tar.gz")
@@ -54,7 +57,7 @@ def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
         for path in tracked()
         if (name := path.relative_to(ROOT)).parts[0] in (*PACKAGES, "tickwork_command.py") and path.suffix != ".pyx"
     }
-    assert {name for name in names if not name.endswith(".so")} == beside
+    assert {name for name in names if not name.endswith(".so")} == beside | sources(".pyi")
 
 
 def test_the_modules_in_the_wheel_have_no_debug_symbols(archives):

@@ -28,7 +28,7 @@ def in_tree(path):
 def test_the_stub_of_a_module_is_fresh(path):
     module, target = importlib.import_module(in_tree(path)), path.with_suffix(".pyi")
     expected = stubs.stub(module) if stubs.has_blocks(module) else None
-    assert (target.read_text() if target.exists() else None) == expected, "run `make stubs`"
+    assert (target.read_text() if target.exists() else None) == expected, "run `make build`"
 
 
 def test_every_package_is_marked_as_typed():

@@ -1,3 +1,0 @@
-# Generated from the source by `python -m cext.stubs`. Do not edit.
-
-def frame_bits(arbitration_id: int, data: bytes, extended: bool = False) -> tuple[int, int]: ...

@@ -1,3 +1,0 @@
-# Generated from the source by `python -m cext.stubs`. Do not edit.
-
-class Arming: ...
