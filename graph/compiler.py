@@ -16,6 +16,7 @@ from graph.compilation import Compilation
 from graph.device import Actuator
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
+from graph.held_checks import check_held
 from graph.interval import Interval
 from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
@@ -75,6 +76,7 @@ def examine(diagram: Diagram) -> Compilation:
         prove,
         caveats.check_torque,
         check_reach,
+        check_held,
         signal_checks.check_circles,
         signal_checks.check_windup,
         wire_checks.check_use,

@@ -6,13 +6,10 @@ from typing import TYPE_CHECKING
 
 from graph.block import Sink
 from graph.compilation import Compilation
-from graph.device import Actuator, Device
-from graph.rules import held_bounds_of
+from graph.device import Device
 from graph.signal import Signal
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from graph.block import Block
 
 
@@ -46,7 +43,7 @@ def check_always(compilation: Compilation, block: Block) -> None:
 
 
 def check_rates(compilation: Compilation) -> None:
-    """Report what the rates and conditions of subsystems do not permit, and find held signals."""
+    """Report what the rates and conditions of subsystems do not permit, and find signals held between rates."""
     for block in compilation.blocks:
         if block.every != 1 and (isinstance(block, Device) or isinstance(block, Sink) and not block.accepts_every):
             compilation.report(
@@ -75,51 +72,6 @@ def check_rates(compilation: Compilation) -> None:
                 )
             else:
                 compilation.holds.append((source.path, source.block.every, f"{block.path}.{name}", block.every))
-    for block in compilation.blocks:
-        if isinstance(block, Actuator):
-            for name in block.inputs:
-                source = held_source(compilation, compilation.sources[block, name])
-                if source is not None and not block.conditions:
-                    conditions = names_of(source.block.conditions)
-                    late = late_parameters(compilation, source)
-                    compilation.report(
-                        "TW021",
-                        f"{source.path} keeps its last value while {conditions} is false"
-                        + (f"; live changes of {', '.join(late)} take effect when it is true again" if late else ""),
-                        block,
-                        name,
-                        compilation.where(block, name),
-                        "connect a Switch after the subsystem that selects 0 while it is disabled",
-                        "warning",
-                    )
-
-
-def held_source(compilation: Compilation, source: np.ndarray | Signal | None) -> Signal | None:
-    """Return the output of a conditional block that alone determines a source, such as that before a limiter."""
-    seen = set()
-    while isinstance(source, Signal) and source not in seen and not isinstance(source.block, Device):
-        if source.block.conditions:
-            return source
-        seen.add(source)
-        inputs = (compilation.sources[source.block, name] for name in source.block.inputs)
-        signals = {each for each in inputs if isinstance(each, Signal)}
-        source = signals.pop() if len(signals) == 1 else None
-    return None
-
-
-def late_parameters(compilation: Compilation, source: Signal) -> list[str]:
-    """Return the live parameters behind a held signal that do not bound it while its block does not run."""
-    bounds = held_bounds_of(source.block, source.block.held_within).get(source.port, ())
-    at_once = {f"{source.block.path}.{name}" for side in bounds for name, _ in side.terms}
-    found, waiting = {source.block}, [source.block]
-    while waiting:
-        block = waiting.pop()
-        sources = (compilation.sources[block, name] for name in block.inputs)
-        before = {each.block for each in sources if isinstance(each, Signal) and each.block.conditions}
-        waiting += before - found
-        found |= before
-    names = (f"{block.path}.{name}" for block in found for name in block.parameters if block.live(name))
-    return sorted(name for name in names if name not in at_once)
 
 
 def names_of(conditions: tuple[Signal, ...]) -> str:
