@@ -34,12 +34,13 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "its measurements show it.",
             "g": "A change of a live parameter stays within the bounds of the proof and the rules between parameters, "
             "at each tick of a ramp and whichever process requests it. The output that a disabled limiter holds "
-            "follows its limit.",
+            "follows its limit, and `check` names each torque that a disabled subsystem holds and that reaches an "
+            "actuator.",
             "h": "A setting that differs from the table of its drive and may scale the torque, and a mode in which "
             "nothing limits it, are warnings of `check`. No robot is armed with one that the operator has not accepted "
             "by its name.",
             "i": "The settings of a RobStride on which its limits rest are read back before it is enabled. CubeMars "
-            "boards cannot be read; the table before arming states it.",
+            "boards cannot be read; `check` and the table before arming state it.",
             "j": "A torque above 5 % of the rated torque without a command, before or during a run, ends it after "
             "60 ms.",
         },

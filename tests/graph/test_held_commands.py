@@ -84,6 +84,7 @@ def inside(torque, other):
         return Gain(1.0, name="sum")(torque + other)
 
 
+@pytest.mark.hazard("H1g")
 @pytest.mark.parametrize("way", WAYS)
 def test_a_held_torque_is_named_whatever_it_is_combined_with(way):
     assert "assist/last.limited keeps its last value while on.y is false" in held(WAYS[way])

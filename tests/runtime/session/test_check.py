@@ -12,6 +12,7 @@ import termios
 
 import pytest
 
+from blocks.families import families
 from cext.fused import library
 from graph import compile
 from runtime.host.console.styles import Console, length
@@ -400,3 +401,38 @@ def test_check_reports_the_slew_rate_of_a_torque(tmp_path, command_line):
     assert "; at most 100 N·m/s: full range in 0.1 s" in " ".join(out.split())
     text = knee(tmp_path).read_text().replace("(limit=5.0)", "(limit=5.0, slew=math.inf)")
     assert "; rate not limited" in " ".join(command_line("check", write(tmp_path, text))[1].split())
+
+
+NOT_READ_BACK = {
+    'CubeMars("AK80-9"': "mode, current limit, time-out",
+    'CubeMarsServo("AK80-9"': "report rate, current limit, time-out",
+    'CubeMarsServo("AK80-9", mode="velocity"': "report rate, current limit, time-out",
+    'CubeMarsV3("AK80-9-V3.0"': "report rate, current limit",
+    'RobStride("RS02"': None,
+    'RobStride("RS02", can_timeout=0.0, mode="velocity"': None,
+    'RobStrideMIT("RS02"': None,
+    'RobStrideMIT("RS02", can_timeout=0.0': "mode, torque limit, time-out",
+}
+
+
+@pytest.mark.hazard("H1i")
+@pytest.mark.parametrize("drive, names", NOT_READ_BACK.items(), ids=NOT_READ_BACK)
+def test_check_prints_the_settings_that_are_not_read_back_of_each_family(command_line, drive, names):
+    """In a pipe, where each fact is a line, and wherever its torque is proved or not."""
+    kind, command = drive.split("(")[0], "velocity_command" if "velocity" in drive else "torque_command"
+    command = "current_command" if drive == 'CubeMarsServo("AK80-9"' else command
+    lines = (
+        f"from blocks.actuators import {kind}",
+        "from graph import Diagram",
+        'with Diagram("robot", rate=200) as diagram:',
+        f'    {drive}, can_id=1, name="knee")({command}=0.5)',
+    )
+    code, out, _ = command_line("check", write(command_line.folder, "\n".join(lines), "drive.py"))
+    printed = [line for line in out.splitlines() if "read back" in line]
+    assert code == OK and printed == ([f"    settings not read back: {names}"] if names else [])
+
+
+def test_the_drives_of_every_family_are_tried():
+    assert {drive.block.__name__ for family in families() for drive in family.drives} == {
+        drive.split("(")[0] for drive in NOT_READ_BACK
+    }
