@@ -48,7 +48,7 @@ help:
 	echo "make sanitize       run the tests of native code with AddressSanitizer, UBSan and ThreadSanitizer"
 	echo "make build          compile changed modules and write type stubs of blocks and of native modules"
 	echo "make docs           build the site into build/site, without a network"
-	echo "make test-all       run the tests with every CPython from 3.10 to 3.13, and with the oldest libraries"
+	echo "make test-all       run the tests with every CPython from 3.10 to 3.14, and with the oldest libraries"
 	echo "make wheel          write wheel and source archive to dist/"
 	echo "make wheels         write and test wheels for x86-64 and aarch64 in dist/"
 	echo "make clean          remove built files"
@@ -145,7 +145,7 @@ stop() { say "$$@"; exit 1; }
 # A Python that is new enough, into $$python.
 find_python() {
     local candidate found=
-    for candidate in $(if $(PYTHON),"$(PYTHON)",python3 python3.13 python3.12 python3.11 python3.10); do
+    for candidate in $(if $(PYTHON),"$(PYTHON)",python3 python3.14 python3.13 python3.12 python3.11 python3.10); do
         "$$candidate" -c '' 2>/dev/null || continue
         "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python=$$candidate && return
         found="$${found:-$$candidate is Python $$("$$candidate" -c 'import platform; print(platform.python_version())')}"
