@@ -52,6 +52,7 @@ PORT = default(PlotJuggler, "port")
 STRIDES = (average_stride.STRIDE_MINIMUM, average_stride.STRIDE_LIMIT)  # s
 WHEELS = [int(minor) for minor in re.findall(r'"cp3(\d+)-manylinux', PYPROJECT)]
 PYTHONS = (min(WHEELS), max(WHEELS))  # minor versions
+TRIED_PYTHONS = tuple(int(minor) for minor in re.findall(r" 3\.(\d+)", (ROOT / ".ci/pythons").read_text())[:2])
 GLIBC = int(re.search(r'manylinux-x86_64-image = "manylinux_2_(\d+)"', PYPROJECT)[1])
 MS = 1e3
 STALL = safe("LOOP_STALL_MINIMUM") * MS
@@ -184,7 +185,7 @@ PRINTED = [  # page, pattern in its text, in one line, whose groups are numbers,
     ("reference/versions", r"CPython 3\.(\d+) to 3\.(\d+) on Linux", PYTHONS),
     ("reference/versions", r"with glibc 2\.(\d+) or newer", GLIBC),
     ("../README", r"CPython 3\.(\d+) to 3\.(\d+)", PYTHONS),
-    ("CONTRIBUTING", r"every CPython from 3\.(\d+) to 3\.(\d+)", PYTHONS),
+    ("CONTRIBUTING", r"every CPython from 3\.(\d+) to 3\.(\d+)", TRIED_PYTHONS),
     ("CONTRIBUTING", r"for glibc 2\.(\d+) or newer", GLIBC),
     ("tutorial/4_rig", r"timeout \(([\d.]+) s\)", default(CubeMars, "timeout")),
 ]
