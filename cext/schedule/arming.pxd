@@ -37,6 +37,8 @@ cdef class Arming:
     cdef int64_t pressed         # ns, from when on it was active; -1 while it is not
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
+    cdef int64_t stall           # ns, a delay of this length stops simulated time
+    cdef readonly int64_t stalled    # missed grid points at which simulated time stood still
     cdef int64_t signals_kept    # acquisitions of the GIL at the last installation of the signal handlers
 
     cdef void begin(self) noexcept nogil
@@ -54,6 +56,8 @@ cdef class Arming:
     cdef int permission(self) noexcept nogil
     cdef int receive_while_arming(self) noexcept nogil
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
+    cdef bint is_stall(self, int64_t point, int64_t due) noexcept nogil
+    cdef void stop_time(self, int64_t point, int64_t due) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil
     cdef void keep_signals(self, int64_t tick) noexcept nogil
     cdef void halt(self, double timeout) noexcept nogil

@@ -40,6 +40,9 @@ from cext.schedule.live cimport LiveTable
 
 from cext.schedule.device_reports import DeviceReports
 
+cdef enum:
+    STALL_LIMIT = 50000000       # ns; emulated drives have time-outs of their own, of at least 0.1 s by default
+
 
 cdef class Devices:
     """Devices of a `graph.Schedule`.
@@ -86,6 +89,18 @@ cdef class Devices:
         """
         self.buses.page = page
         return self.events.share(page) + self.drives.share(page) + self.warnings.share(page)
+
+    def longest_stall(self) -> int:
+        """Return the ns for which the ticks of a simulation may stop before a device could time out."""
+        cdef int number
+        cdef Device *device
+        cdef int64_t longest = STALL_LIMIT
+        for number in range(self.table.count):
+            device = &self.table.devices[number]
+            for seconds in (device.timeout, device.restart_time, 1e-9 * device.relay):
+                if seconds > 0.0:
+                    longest = min(longest, <int64_t>(0.5e9 * seconds))
+        return max(longest, 1)
 
     cdef Blame failed(self) noexcept nogil:
         """Return the device or bus that failed last."""

@@ -76,6 +76,8 @@ cdef class Executor(Waiting):
     rows : destination of the rows for cext.schedule.publisher.Publisher, or None
     hosted : whether the process belongs to another program, such as a notebook or a test: the garbage collector and the
         switch interval are not changed, nor are the signal handlers outside the main thread
+    waits : whether simulated time stops while the host stalls for so long that emulated devices would time out; for a
+        plant only
     """
 
     cdef bint hosted
@@ -88,7 +90,8 @@ cdef class Executor(Waiting):
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None,
         bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock tape=None,
-                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None):
+                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None,
+                 bint waits=False):
         self.hosted = hosted
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.pace = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
@@ -101,6 +104,9 @@ cdef class Executor(Waiting):
         self.body.handover = self.watchdog.handover
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.table.count == 0 if tape is None else tape.simulated
+        if waits and (plant is None or guard > 0.0):
+            raise ValueError("the time of real devices passes while the host stalls: only a plant can wait for it")
+        self.stall = control.devices.longest_stall() if waits and not virtual else 0
         self.tape = tape
         self.carried = carried
         control.devices.table.alone = guard > 0.0
@@ -213,7 +219,7 @@ cdef class Executor(Waiting):
         self.halted = False
         self.status = OK
         self.unanswered = ()
-        self.pace.sleeps = self.pace.spins = 0
+        self.pace.sleeps = self.pace.spins = self.stalled = 0
         self.overrun.reset()
         self.journal.clear()
 
@@ -320,7 +326,7 @@ cdef class Executor(Waiting):
         return took
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
-        cdef int64_t now, began
+        cdef int64_t now, began, stood
         cdef int64_t tick = self.previous + 1
         cdef int64_t late = 0
         # grid point after the previous tick; a late tick runs at a newer one
@@ -330,6 +336,7 @@ cdef class Executor(Waiting):
         self.journal.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
             awaited = tick
+            stood = 0
             if not self.virtual:
                 self.pace.wait(epoch + self.pace.grid(tick))
             if self.signals.caught[0] or not self.journal.make_room(False):
@@ -345,6 +352,8 @@ cdef class Executor(Waiting):
                     status = OVERRUN
                 if self.overrun.fault or tick == ticks:
                     break
+                stood = self.began + self.first_tick - epoch       # ns that the simulation stood still
+                epoch += stood
                 late = began - epoch - self.pace.grid(tick)
             self.now = now = self.first_tick + self.pace.grid(tick)
             self.tick = tick
@@ -363,7 +372,7 @@ cdef class Executor(Waiting):
             if self.control.laps != NULL:
                 lap(self.control.laps, RECORD)
             if self.layout != NULL:
-                self.count(tick, awaited, late, began)
+                self.count(tick, awaited, late + stood, began)
             self.keep_signals(tick)
             self.previous = tick
             self.late = late
@@ -380,12 +389,13 @@ cdef class Executor(Waiting):
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
         """Return the grid point at which tick `tick` runs if it wakes up `since` ns after the first.
 
-        Counts missed ones.
+        Counts missed ones. A stall of a simulation stops its time: the tick runs late, at its own grid point.
         """
         cdef int64_t due = max(tick, self.pace.newest(since))
         cdef int64_t behind = self.overrun.late
         cdef int64_t chosen
-        if 0 <= ticks < due:
+        cdef bint stalled = self.is_stall(tick, due)
+        if 0 <= ticks < due and not stalled:
             due = ticks
         chosen = self.overrun.decide(tick, due)
         if due > tick and behind == 0:                             # ticks that catch up did not cause it
@@ -398,6 +408,10 @@ cdef class Executor(Waiting):
         if self.layout != NULL and due > tick:
             store_i64(&self.layout.missed, self.layout.missed + chosen - tick)
             self.layout.caught_up += chosen == tick
+        if stalled and chosen > tick and not self.overrun.fault:
+            self.stop_time(tick, chosen)
+            self.stalled += chosen - tick
+            return tick
         return chosen
 
     cdef void stop(self, double timeout) noexcept nogil:

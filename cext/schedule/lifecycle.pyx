@@ -106,7 +106,6 @@ cdef class Waiting(Arming):
         Then arms, and returns OK or why that failed. Returns ENDED or STOP_WANTED if the run ends first, or a fault
         that cannot be survived.
         """
-        cdef int64_t epoch = self.began + self.first_tick
         cdef int64_t tick = max(self.tick, self.pace.newest(
             (self.now if self.virtual else monotonic() - self.began) - self.first_tick)) + 1
         cdef int64_t began
@@ -121,7 +120,7 @@ cdef class Waiting(Arming):
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
-                self.pace.wait(epoch + self.pace.grid(tick))
+                self.pace.wait(self.began + self.first_tick + self.pace.grid(tick))
             if self.signals.caught[0] or not self.journal.make_room(False):
                 return ENDED
             began = monotonic()
@@ -138,7 +137,7 @@ cdef class Waiting(Arming):
                     record_request(self.layout, REARM, consent, load_u64(&self.layout.operator.process), tick)
                     return self.arm_again(tick, arming_timeout)
                 self.notify_standing("refused", standing)
-            self.late = 0 if self.virtual else began - epoch - self.pace.grid(tick)
+            self.late = 0 if self.virtual else began - self.began - self.first_tick - self.pace.grid(tick)
             standing = self.look_around(tick, standing, &status)
             if status != OK or (self.journal.records and not self.journal.push_row(tick)):
                 return status if status != OK else ENDED

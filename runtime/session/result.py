@@ -26,6 +26,7 @@ class Result(Prepared):
     page : the shared state with the final counts
     report : lines on the fault that ended the run
     waited : s for which the loop's thread was ready to run and had no processor
+    stalled : number of missed grid points at which simulated time stood still
     """
 
     outcome: Outcome
@@ -40,6 +41,7 @@ class Result(Prepared):
     newest: list[tuple]
     report: list[str] = field(default_factory=list)
     waited: float = 0.0
+    stalled: int = 0
 
     @cached_property
     def held(self) -> list[dict[str, Any]]:

@@ -156,6 +156,7 @@ class Session:
             guard=rig.guardian_silence if rig is not None else 0.0,
             carried=rig is not None and rig.carries,
             others=aside,
+            waits=rig is None and self.prepared.plant is not None,
         )
 
     def run(self) -> Result:
@@ -264,6 +265,7 @@ class Session:
             control=self.control,
             realtime=self.realtime,
             overruns=self.executor.overruns,
+            stalled=self.executor.stalled,
             profile=self.executor.profile,
             page=self.page,
             newest=self.executor.newest,

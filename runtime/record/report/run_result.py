@@ -28,6 +28,7 @@ class RunResult(Protocol):
     control: Program
     realtime: Any  # runtime.host.machine.realtime.Realtime; None in virtual time without processes
     overruns: list[dict[str, Any]]
+    stalled: int
     profile: tuple[list[dict[str, Any]], list[dict[str, Any]]]
     newest: list[tuple]
     waited: float

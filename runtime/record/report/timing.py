@@ -38,6 +38,8 @@ def timing(result: RunResult, passed: int) -> Iterator[tuple[str, str]]:
     yield "load", f"{100 * share:.2f} % of the time inside ticks, {micro(long)} per tick at p99"
     if statistics["caught_up"]:
         yield "caught up", f"{statistics['caught_up']} ticks ran late"
+    if result.stalled:
+        yield "stalls", f"{result.stalled} of the missed were in stalls, in which simulated time stood still"
     for index, row in enumerate(result.overruns[:5]):
         yield "" if index else "overruns", overrun_text(row)
 
