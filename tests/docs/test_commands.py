@@ -10,7 +10,7 @@ from tests.docs.command_lines import LINE, parser_of, refusal, words
 from tests.docs.pages import NAMES
 
 PARTS = [["stream", "imu"], ["stream", "i2c"], ["stream", "openimu"]]
-PARTS += [["bench", part] for part in ("start", "clock", "bus", "can", "sensors", "views", "gait")]
+PARTS += [["bench", part] for part in ("start", "clock", "bus", "can", "deaths", "sensors", "views", "gait")]
 
 
 @pytest.mark.parametrize("page", NAMES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.cli.bench import bus, can, clock, gait, sensors, views
+from runtime.cli.bench import bus, can, clock, deaths, gait, sensors, views
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 from runtime.host.errors import OK, BadInput
@@ -13,7 +13,7 @@ from runtime.setup.bench import goals
 from runtime.setup.bench.measure import interleave, table
 from runtime.setup.bench.report import Report, machine, machine_lines
 
-COMMANDS = {"bus": bus, "can": can, "clock": clock, "gait": gait, "sensors": sensors, "views": views}
+COMMANDS = {"bus": bus, "can": can, "clock": clock, "deaths": deaths, "gait": gait, "sensors": sensors, "views": views}
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
 
 
@@ -28,7 +28,8 @@ def main(arguments: Sequence[str]) -> int:
         "Measure the cost of native and Python blocks per tick, and the time of a compile, on this machine.",
         "bench start [FILE]  start-up time and memory\n"
         "bench clock         lateness of the loop, compared with a C loop\n"
-        "bench bus           cost of a bus and of the guardian, stop time after kill -9\n"
+        "bench bus           cost of a bus and of the guardian\n"
+        "bench deaths        time to the stop after the death of each process of a run\n"
         "bench can           cost of eight drives per tick, and replies lost at 1000 Hz\n"
         "bench gait          errors of the gait estimators on recorded walking\n"
         "bench sensors       cost of eight inertial sensors on serial lines\n"

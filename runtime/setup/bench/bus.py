@@ -1,4 +1,4 @@
-"""Cost of buses, and time from kill -9 to the stop of the motors, over sockets of this machine.
+"""Cost of buses, over sockets of this machine.
 
 CAN hardware adds its own.
 """
@@ -7,14 +7,10 @@ from __future__ import annotations
 
 import os
 import random
-import select
-import signal
 import socket
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import can
@@ -26,34 +22,17 @@ from cext.schedule.bus_cost import time_of_ticks
 from runtime.host.machine.realtime import PRIORITY
 from runtime.robot.guardian import GuardianProcess
 from runtime.setup.bench.drives import node
-from runtime.setup.bench.processes import START_TIMEOUT, emulation, run_on_rig
+from runtime.setup.bench.processes import emulation
 
 if TYPE_CHECKING:
     from can import BusABC
-    from can.message import Message
 
     from cext.bus.memory_bus import BusEnd
 
 SO_TIMESTAMPNS = 35
 ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")  # zero torque
-DISABLE = bytes.fromhex("fffffffffffffffd")
 PACE = 0.001  # s between round trips
 ROUNDS_OF_CALL = 500
-
-ROBOT = """
-from blocks.families import benchmark
-from blocks.limiters import TorqueLimiter
-from blocks.sources import Sine
-from graph import Diagram
-
-with Diagram("bench", rate=200) as diagram:
-    torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
-    for can_id in (1, 2):
-        typical = benchmark("can")
-        place = {"bus": "legs", "can_id": can_id, "range": (-1.0, 1.0), "wake_shift": 0.0, "name": f"knee{can_id}"}
-        knee = typical.block(**typical.parameters, **place)
-        knee(torque_command=torque)
-"""
 
 
 def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[int]]:
@@ -179,57 +158,3 @@ def through_guardian(group: str) -> Iterator[BusEnd]:
     finally:
         guardian.kill()
         os.close(bell)
-
-
-def kills(count: int = 100) -> list[float]:
-    """Kill runs, and time the stop of their drives.
-
-    Returns s from kill -9 of each run to the first stop frame of the later of its two drives; inf without one.
-    """
-    stop_times = []
-    with tempfile.TemporaryDirectory() as folder:
-        robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
-        robot.write_text(ROBOT)
-        group = channel()
-        rig.write_text(f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n')
-        with drives(group, 1, 2), ExitStack() as stack:
-            bus = node(group)
-            stack.callback(bus.shutdown)
-            for _ in range(count):
-                stop_times.append(_one_kill(bus, robot, rig))
-                time.sleep(0.3)  # its guardian releases the bus
-    return stop_times
-
-
-def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
-    with run_on_rig(robot, rig) as process:
-        if not listen(bus, START_TIMEOUT, _under_torque):
-            raise OSError("the run under test did not start")
-        time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
-        while bus.recv(0) is not None:
-            pass
-        killed = time.time()
-        process.send_signal(signal.SIGKILL)
-        first = {}
-        deadline = time.monotonic() + 0.5
-        while time.monotonic() < deadline and len(first) < 2:
-            message = bus.recv(max(0.0, deadline - time.monotonic()))
-            if message is not None and bytes(message.data) == DISABLE:
-                first.setdefault(message.arbitration_id, message.timestamp - killed)
-        return max(first.values()) if len(first) == 2 else float("inf")
-
-
-def listen(bus: BusABC, seconds: float, matches: Callable[[Message], bool]) -> Message | None:
-    """Return the first message that matches, or None without one within `seconds`."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        if select.select([bus], [], [], 0.1)[0]:
-            message = bus.recv(0)
-            if message is not None and matches(message):
-                return message
-    return None
-
-
-def _under_torque(message: Message) -> bool:
-    data = bytes(message.data)
-    return data[0] != message.arbitration_id and data != COMMAND and data[:7] != b"\xff" * 7

@@ -121,12 +121,15 @@ def of_bus(results: dict[str, Any]) -> list[Goal]:
     return [
         Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
         Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
-        Goal("kill -9 to the last stop frame, p99", results["stop_ms"]["p99"], STOP_MS, "ms"),
-        Goal("kills without stop frames", results["missed"] + results["guardian_deaths_missed"], 0, ""),
-        *(
-            Goal(f"kill -9 of the guardian to the last stop frame, p99, {name}", each["p99"], STOP_MS, "ms")
-            for name, each in results["guardian_deaths_ms"].items()
-        ),
+    ]
+
+
+def of_deaths(results: dict[str, Any]) -> list[Goal]:
+    """Return the goals of the deaths of processes. results : of the command `bench deaths`"""
+    killed = {name: each for name, each in results.items() if "killed" in name}
+    return [
+        *(Goal(f"{name}, p99", each["p99"], STOP_MS, "ms") for name, each in killed.items()),
+        Goal("deaths without stop frames", sum(each["missed"] for each in results.values()), 0, ""),
     ]
 
 

@@ -44,10 +44,14 @@ def emulation(
 
 
 @contextmanager
-def run_on_rig(robot: Path, rig: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Context manager of a run on a rig, armed without confirmation. robot, rig : paths of their files"""
+def run_on_rig(robot: Path, rig: Path, *words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Context manager of a run on a rig, armed without confirmation.
+
+    robot, rig : paths of their files
+    words : further options
+    """
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record", *words],
         cwd=ROOT,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

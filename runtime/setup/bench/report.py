@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from runtime.host.console.terminal import print_lines
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def machine() -> dict[str, Any]:
@@ -19,6 +23,19 @@ def machine() -> dict[str, Any]:
 def machine_lines() -> list[str]:
     """Return the line on the Python version and the machine."""
     return ["Python {python} on {machine}, {processors} processors".format(**machine())]
+
+
+def spread(values: np.ndarray) -> dict[str, float]:
+    """Return {"p50", "p99", "max"} of values, infinite where there are none."""
+    import numpy as np
+
+    if not len(values):
+        return dict.fromkeys(("p50", "p99", "max"), math.inf)
+    return {
+        "p50": float(np.percentile(values, 50)),
+        "p99": float(np.percentile(values, 99)),
+        "max": float(values.max()),
+    }
 
 
 class Report:

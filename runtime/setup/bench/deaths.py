@@ -1,0 +1,155 @@
+"""Time from the death of one of the two processes of a run to the stop of its motors by the other.
+
+The run, at 200 Hz, has two emulated drives on udp_multicast. Each death is that of another run.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime.setup.bench import bus
+from runtime.setup.bench.drives import node
+from runtime.setup.bench.processes import START_TIMEOUT, run_on_rig
+
+if TYPE_CHECKING:
+    from can import BusABC
+
+GUARDIAN = "tickwork-guard"  # name of its process
+STOP_TIMEOUT = 1.0  # s
+RELEASE_TIMEOUT = 5.0  # s until a guardian has released the bus of a killed run
+DISABLE = bytes.fromhex("fffffffffffffffd")
+
+ROBOT = """
+from blocks.families import benchmark
+from blocks.limiters import TorqueLimiter
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("bench", rate=200) as diagram:
+    torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
+    for can_id in (1, 2):
+        typical = benchmark("can")
+        place = {"bus": "legs", "can_id": can_id, "range": (-1.0, 1.0), "wake_shift": 0.0, "name": f"knee{can_id}"}
+        knee = typical.block(**typical.parameters, **place)
+        knee(torque_command=torque)
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """guardian : whether the guardian, not the control process, gets the signal `number`
+    realtime : option of the run; priority : whether its guardian must have a real-time priority
+    """
+
+    guardian: bool
+    number: int = signal.SIGKILL
+    realtime: str = "try"
+    priority: bool = False
+
+
+CASES = {
+    "the control process, killed": Case(guardian=False),
+    "the guardian, killed": Case(guardian=True),
+    "the guardian, kill -STOP, real-time priority": Case(guardian=True, number=signal.SIGSTOP, priority=True),
+    "the guardian, kill -STOP, without one": Case(guardian=True, number=signal.SIGSTOP, realtime="off"),
+}
+
+
+def deaths(count: int) -> tuple[dict[str, list[float]], list[float]]:
+    """Measure every case `count` times, in turn.
+
+    Returns ({name of CASES: s from each signal to the first stop frame of the later drive, inf where one did not come},
+    load averages of the last minute, at each). A case that needs a real-time priority is empty where none is granted.
+    """
+    times: dict[str, list[float]] = {name: [] for name in CASES}
+    loads = []
+    group = bus.channel()
+    with bus.drives(group, 1, 2), tempfile.TemporaryDirectory() as folder:
+        robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
+        robot.write_text(ROBOT)
+        rig.write_text(f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n')
+        listener = node(group)
+        try:
+            for _ in range(count):
+                for name, case in CASES.items():
+                    times[name] += one_death(listener, robot, rig, case)
+                    loads.append(os.getloadavg()[0])
+        finally:
+            listener.shutdown()
+    return times, loads
+
+
+def one_death(listener: BusABC, robot: Path, rig: Path, case: Case) -> list[float]:
+    """Return [s to the first stop frame of the later drive of a run]; inf without one, [] without the priority."""
+    guardian = None
+    while listener.recv(0) is not None:  # frames of the run before
+        pass
+    try:
+        with run_on_rig(robot, rig, "--realtime", case.realtime) as process:
+            deadline = time.monotonic() + START_TIMEOUT
+            while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in frames(listener, 0.02)):
+                if time.monotonic() > deadline or process.poll() is not None:
+                    raise OSError("the run under test did not start")
+            guardian = guardian_of(process.pid)
+            if case.priority and os.sched_getparam(guardian).sched_priority == 0:
+                return []
+            time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
+            if any(data == DISABLE for _, _, data in frames(listener, 0.0)):
+                raise OSError("the run under test has ended by itself")
+            killed = time.time()
+            os.kill(guardian if case.guardian else process.pid, case.number)
+            first: dict[int, float] = {}
+            while len(first) < 2 and time.time() < killed + STOP_TIMEOUT:
+                for at, identifier, data in frames(listener, 0.01):
+                    if data == DISABLE:
+                        first.setdefault(identifier, at - killed)
+            return [max(first.values()) if len(first) == 2 else float("inf")]
+    finally:
+        if guardian is not None:
+            end(guardian, at_once=case.guardian)
+
+
+def end(guardian: int, at_once: bool) -> None:
+    """Wait until a guardian has released the bus. at_once : kill it, as after its own stop"""
+    deadline = time.monotonic() + RELEASE_TIMEOUT
+    with suppress(OSError):  # it has ended
+        while name_and_parent(guardian)[0] == GUARDIAN:
+            if at_once or time.monotonic() > deadline:
+                os.kill(guardian, signal.SIGKILL)
+            time.sleep(0.005)
+
+
+def frames(listener: BusABC, seconds: float) -> Iterator[tuple[float, int, bytes]]:
+    """Yield (s of the wall clock, id, data) of the frames to the drives that arrive within a time."""
+    deadline = time.monotonic() + seconds
+    while (message := listener.recv(max(0.0, deadline - time.monotonic()))) is not None:
+        data = bytes(message.data)
+        if data[0] != message.arbitration_id:
+            yield message.timestamp, message.arbitration_id, data
+
+
+def guardian_of(pid: int) -> int:
+    """Return the process number of a run's guardian."""
+    for entry in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError):
+            if name_and_parent(int(entry)) == (GUARDIAN, pid):
+                return int(entry)
+    raise OSError("the run has no guardian")
+
+
+def name_and_parent(pid: int) -> tuple[str, int]:
+    """Return the name of a process that has not ended, and the number of its parent. Raises OSError."""
+    name, _, rest = Path("/proc", str(pid), "stat").read_text().partition("(")[2].rpartition(")")
+    state, parent, *_ = rest.split()
+    if state == "Z":
+        raise ProcessLookupError(f"process {pid} has ended")
+    return name, int(parent)
