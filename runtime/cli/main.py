@@ -6,7 +6,7 @@ import errno
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,16 +66,14 @@ def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> i
     folder : the working folder, if `python -m` has put it on the path
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    DiagramError = ()
     try:
         with ending.as_interrupt():
-            DiagramError = refusal(arguments)
             check_encoding(arguments)
             code = command(arguments, folder)
     except BadInput as error:
         print_to_stderr([f"tickwork: {error}"])
         code = error.code
-    except DiagramError as error:
+    except diagram_error() as error:
         count = len(error.diagnostics)
         print_to_stderr(
             [*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"]
@@ -127,18 +125,17 @@ def check_encoding(arguments: Sequence[str]) -> None:
             raise BadInput(f"the argument '{shown}' is not valid UTF-8: retype it, or rename the file")
 
 
-def refusal(arguments: Sequence[str]) -> type[DiagramError] | tuple[Any, ...]:
-    """Return DiagramError; () for commands that read recordings, which work where nothing has been compiled."""
-    if arguments and arguments[0] in installation_check.READING:
-        return ()
-    from graph import DiagramError
-
-    return DiagramError
+def diagram_error() -> type[DiagramError] | tuple[Any, ...]:
+    """Return DiagramError, and () for commands that have not imported the compiler, which is half of a start."""
+    graph = sys.modules.get("graph.diagnostics")
+    return () if graph is None else graph.DiagramError
 
 
 def command(arguments: Sequence[str], folder: str | None) -> int:
     """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
     if arguments[:1] == ["--version"]:
+        from importlib import metadata
+
         print_lines([f"tickwork {metadata.version('tickwork')}"])
         return OK
     if not arguments or arguments[0] in ("-h", "--help", "help"):
@@ -162,6 +159,7 @@ def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
     folder : as of `main`
     """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
+    import_module("importlib.metadata")  # which every run needs: its own imports have names that users give to files
     problem = installation_check.namesake(folder)  # after the imports that this command needs
     if problem is not None:
         raise BadInput(problem)
