@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.cli.bench.bus import row, spread
+from runtime.cli.bench.bus import row
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 from runtime.host.errors import OK, BadInput
 from runtime.host.options import count
 from runtime.setup.bench import goals
-from runtime.setup.bench.report import Report, machine, machine_lines
+from runtime.setup.bench.report import Report, machine, machine_lines, spread
 
 
 def main(arguments: Sequence[str]) -> int:
