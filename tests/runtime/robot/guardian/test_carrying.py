@@ -259,14 +259,6 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
     assert [wire.sent for wire in guardian.wires.values()] == [[b"damp"] if moving else STOP] * 2
 
 
-def test_drives_are_stopped_at_once_when_process_exits():
-    def look(guardian, page):
-        guardian.dead = True
-        guardian.check_loop(page.beat)
-
-    assert judged(look).verdict["because"] == "died"
-
-
 HUNG, CRASHED, ASLEEP = 32, 36, 48  # bytes, of cext.safety.shared_state.SharedLayout
 
 
@@ -293,21 +285,6 @@ def test_a_hanging_step_is_reported_and_checked_again(item, block):
     assert guardian.stuck_at == asked[0] + HANG_REPORT_DELAY
 
 
-def test_crash_is_reported_with_signal_and_block():
-    def look(guardian, page):
-        write(page, HUNG, 1)
-        write(page, CRASHED, signal.SIGSEGV)
-        guardian.check_loop(page.beat)
-
-    guardian = judged(look)
-    assert (guardian.verdict["because"], guardian.verdict["block"], guardian.verdict["signal"]) == (
-        "died",
-        "law",
-        "SIGSEGV",
-    )
-    assert guardian.stuck_at is None
-
-
 def suspend(shared, seconds):
     """Let the shared state show that the computer was suspended since the run began. shared : its file descriptor"""
     with mmap.mmap(shared, 0) as memory:
@@ -315,14 +292,31 @@ def suspend(shared, seconds):
         struct.pack_into("=q", memory, ASLEEP, before - round(seconds * 1e9))
 
 
-def test_after_a_suspend_of_the_computer_the_guardian_stops_the_drives():
+def crash(guardian, page):
+    write(page, HUNG, 1)
+    write(page, CRASHED, signal.SIGSEGV)
+
+
+@pytest.mark.parametrize(
+    "deed, verdict",
+    [
+        (lambda guardian, page: setattr(guardian, "dead", True), {"because": "died"}),
+        (crash, {"because": "died", "block": "law", "signal": "SIGSEGV"}),
+        (
+            lambda guardian, page: suspend(page.fd, 3600.0),
+            {"because": "suspended", "silent": pytest.approx(3600.0, abs=1)},
+        ),
+    ],
+    ids=["exit", "crash", "suspend"],
+)
+def test_drives_are_stopped_at_once_and_the_cause_reported(deed, verdict):
     def look(guardian, page):
-        suspend(page.fd, 3600.0)
+        deed(guardian, page)
         guardian.check_loop(page.beat)
 
     guardian = judged(look)
-    assert guardian.verdict["because"] == "suspended" and guardian.page.fenced
-    assert guardian.verdict["silent"] == pytest.approx(3600.0, abs=1.0)
+    assert {key: guardian.verdict[key] for key in verdict} == verdict
+    assert guardian.stuck_at is None and guardian.page.fenced
     assert [wire.sent for wire in guardian.wires.values()] == [STOP] * 2
 
 
