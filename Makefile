@@ -63,15 +63,16 @@ $(VENV)/bin/ruff format --check --quiet
 endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
-# One worker more than processors, since many tests wait for a process. Tests that wait in real time (marked `paced`) follow two at a
-# time, with nothing beside them, and those that measure it (`timing`) one at a time. Only the files of these are collected: the
-# collection of all takes 7 s.
+# One worker more than processors, since many tests wait for a process; types are checked beside them. Tests that wait in real time
+# (marked `paced`) follow two at a time, with nothing beside them, and those that measure it (`timing`) one at a time. Only the files
+# of these are collected: the collection of all takes 7 s.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test $(VENV)/stubs
 	$(ruff)
-	$(pyright)
-	if [ -n "$(TESTS)" ]; then exec $(VENV)/bin/python -m pytest $(TESTS); fi
+	if [ -n "$(TESTS)" ]; then $(pyright); exec $(VENV)/bin/python -m pytest $(TESTS); fi
+	$(pyright) >build/types 2>&1 & types=$$!
 	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
+	wait $$types || { cat build/types; exit 1; }
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
 
