@@ -16,6 +16,7 @@ process of the stop opens its interface again, and continues.
 from __future__ import annotations
 
 import json
+import os
 import socket
 import struct
 from contextlib import suppress
@@ -128,8 +129,8 @@ class Handover:
         for place, listener in list(self._places.items()):
             with suppress(OSError):  # nothing to accept, or no free descriptor
                 link = listener.accept()[0]
-                if place in self._links:  # it is being handed over to another run
-                    link.close()
+                if place in self._links or peer_of(link)[1] not in (os.getuid(), 0):
+                    link.close()  # it is being handed over to another run, or this one is of another account
                 else:
                     self._offer(place, link, stop)
         return lines

@@ -2,18 +2,25 @@
 drives get no frame.
 """
 
+import os
 import re
+import socket
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import can
 import pytest
 
 from runtime.host.errors import FAULT, OK
+from runtime.robot.guardian.handover import Handover
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from tests.blocks.actuators import reference
+from tests.checkout import ROOT
 from tests.runtime.robot.guardian.bus import Bus, guardian_of, is_torque
 from tests.runtime.robot.guardian.drives import AK10_9, open_bus
 from tests.runtime.robot.rig.test_slcan import Adapter, awaited, rig_of
@@ -24,6 +31,29 @@ pytestmark = pytest.mark.paced
 PAUSE = 0.45  # s, longest without a frame to a drive: twice the period of the frames, and what a busy machine adds
 GOES_ON = "go on at a falling rate"
 WAYS = ("the run was killed", "the run waits", "the guardian was killed")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="needs root, to start a process of another account")
+def test_the_process_of_a_stop_offers_its_bus_to_its_own_account_alone():
+    name = f"\0tickwork/bus/account-test-{os.getpid()}"
+    stop = SimpleNamespace(waiting=[], stopped={}, lent=set())
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as lock:
+        lock.bind(name)
+        offers = Handover([{"name": name, "bus": "legs", "descriptor": lock.fileno()}])
+        offers.begin()
+        for user, taken in ((0, "taken"), (65534, "refused")):
+            script = (
+                f"import os\nfrom runtime.robot.guardian.handover import Offer\nos.setuid({user})\n"
+                f"try: Offer({name.encode()!r}); print('taken')\nexcept ConnectionRefusedError: print('refused')"
+            )
+            with subprocess.Popen(
+                [sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True
+            ) as process:
+                while process.poll() is None:
+                    offers.step(stop, close=lambda bus: None)
+                    time.sleep(0.01)
+                assert process.stdout.read() == f"{taken}\n", user
+        offers.close()
 
 
 class Drives:
