@@ -244,12 +244,15 @@ class Wired(Block):
     drives : OwnDrive; transit : function that returns the ns that the next reply is under way; rate : Hz of the plant
     lost : function that returns whether the next frame is lost
     merges : whether equal frames that two drives send at once are one on the wire, as their bits are
+    burst : ns from one delivery of the adapter to the next; 0: each frame at once. The first is at `burst_from` ns
     """
 
     torque = Output("N·m")
 
-    def __init__(self, drives, rate, transit=lambda: 0, lost=lambda: False, merges=False, **options):
-        self.merges = merges
+    def __init__(
+        self, drives, rate, transit=lambda: 0, lost=lambda: False, merges=False, burst=0, burst_from=0, **options
+    ):
+        self.merges, self.burst, self.burst_from = merges, burst, burst_from
         self.drives, self.period, self.transit, self.lost = drives, round(1e9 / rate), transit, lost
         self.queue, self.end = [], None
         super().__init__(**options)
@@ -259,11 +262,16 @@ class Wired(Block):
         for identifier, extended, data, _ in self.end.receive():
             answers = [answer for drive in self.drives for answer in drive.hear(identifier, extended, data, now)]
             answers = dict.fromkeys(answers) if self.merges else answers
-            self.queue += [(now + self.transit(), frame) for frame in answers]
+            self.queue += [(self.delivered(now), frame) for frame in answers]
         for drive in self.drives:
-            self.queue += [(now + self.transit(), frame) for frame in drive.advance(now)]
+            self.queue += [(self.delivered(now), frame) for frame in drive.advance(now)]
         for due, frame in [entry for entry in self.queue if entry[0] <= now]:
             self.queue.remove((due, frame))
             if not self.lost():
                 self.end.send(frame.identifier, frame.data, frame.extended, now)
         return sum(drive.torque for drive in self.drives)
+
+    def delivered(self, now):
+        """When a frame that a drive sends now arrives, ns."""
+        due = now + self.transit()
+        return due + (self.burst_from - due) % self.burst if self.burst else due

@@ -32,6 +32,8 @@ cdef class StopConfirmation:
     cdef int64_t until           # ns, end of the present phase
     cdef int64_t listened        # ns, since when it listens
     cdef int64_t last            # ns, newest reply while it listens; -1: none
+    cdef int64_t arrived         # ns, newest reply; before the first, the begin
+    cdef int64_t gap             # ns, longest time without a reply that ended in the newest round
     cdef int rounds, wanted, seen, source
     cdef bint restless           # a reply since the newest round contradicts the rest
     cdef int rest_count          # consecutive replies at rest

@@ -10,7 +10,8 @@ Principle
        sends similar frames do not stop when the questions do.
     3. The first round confirms nothing: replies to it look like replies to earlier commands, which may be under way.
     4. Frames in the silence are late replies: the lag of the last one is the time that the next round waits for its
-       replies.
+       replies. So is a gap between replies that is longer than a round: an adapter that delivers in bursts. The silence
+       lasts longer than such a gap, and begins only where a gap could be seen.
     5. A drive that may report by itself is confirmed by several consecutive reports at rest, and by the answer to
        a disable if its protocol has one. Without that answer, or with an error code in its place, the rest must last.
 
@@ -61,6 +62,7 @@ cdef class StopConfirmation:
         self.began, self.transit, self.asked, self.window = now, transit, -1, 0
         self.rounds = self.wanted = self.seen = self.rest_count = self.received = 0
         self.source, self.last, self.rest_since = -1, -1, -1
+        self.arrived, self.gap = now, 0
         self.restless = self.echoed = self.failed = self.confirmed = False
         self.newest = NAN
 
@@ -71,7 +73,7 @@ cdef class StopConfirmation:
     cpdef void sent(self, int64_t now, int answers) noexcept nogil:
         """Note that a round was sent. answers : number of replies that it asks for"""
         self.asked, self.wanted = now, answers
-        self.seen, self.source = 0, -1
+        self.seen, self.source, self.gap = 0, -1, 0
         self.restless = False
         self.rounds += 1
         if self.window > 0:
@@ -109,7 +111,10 @@ cdef class StopConfirmation:
             self.echoed = self.failed = False
             if self.phase != SENDING:
                 self.phase, self.window = SENDING, 0
-        self.received += source >= 0
+        if source >= 0:
+            self.received += 1
+            self.gap = max(self.gap, frame.time - self.arrived)
+            self.arrived = frame.time
         return True
 
     cdef void note_rest(self, const Frame *frame, int source) noexcept nogil:
@@ -155,7 +160,10 @@ cdef class StopConfirmation:
                 self.phase, self.window = SENDING, 0
         elif self.phase == SENDING or now + slack >= self.until:
             self.phase = SENDING
+            if round + slack < self.gap <= STOP_LISTEN_LIMIT:      # after a longer one, a bus has returned
+                self.window = max(self.window, min(self.gap + self.gap // 2, STOP_LISTEN_LIMIT))
             if (self.rounds > 1 and self.seen == self.wanted and not self.restless
+                    and (self.received > self.seen or round >= STOP_LISTEN_LIMIT)
                     and self.asked - self.began >= self.transit):
                 self.phase, self.last, self.listened = LISTENING, -1, now
                 self.until = now + max(self.window, round)

@@ -29,9 +29,9 @@ def test_two_drives_with_one_id_are_not_armed(name, position):
 def test_two_unique_numbers_behind_one_id_are_not_armed(name):
     """The drives stand alike: their equal replies are one on the wire, and nothing else differs."""
     both = [own(name, unique=FIRST), own(name, unique=SECOND)]
-    outcome, _ = run(name, both, merges=True)
+    outcome, _ = run(name, both, wired={"merges": True})
     assert (outcome.status, outcome.culprit, outcome.tick) == ("two devices", "drive0", -1)
-    outcome, _ = run(name, [own(name, unique=FIRST)] * 2, merges=True)
+    outcome, _ = run(name, [own(name, unique=FIRST)] * 2, wired={"merges": True})
     assert outcome.status == "ok"
 
 
@@ -73,7 +73,7 @@ def test_ordinary_replies_are_no_twins(name):
         (lambda: chance.randrange(30_000_000), lambda: False),
         (lambda: 0, lambda: chance.random() < 0.2),
     ):
-        outcome, _ = run(name, [own(name)], ticks=400, transit=transit, lost=lost)
+        outcome, _ = run(name, [own(name)], ticks=400, wired={"transit": transit, "lost": lost})
         assert outcome.status != "two devices"
 
 

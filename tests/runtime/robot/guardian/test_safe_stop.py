@@ -93,6 +93,16 @@ def test_drive_that_answers_both_frames_and_is_silent_then_is_confirmed(legs):
     assert wires[0].sent[10:] == [(2, b"zero"), (2, b"disable")]
 
 
+def test_replies_to_one_round_are_not_enough_where_a_gap_between_bursts_cannot_be_seen(legs):
+    """A foreign node that sends two frames every 20 ms, behind an adapter that delivers them in bursts."""
+    stop, _ = legs
+    for now in range(0, STOP_LIMIT, 1_000_000):
+        stop.step(now)
+        for _ in range(2 * (now % 20_000_000 == 6_000_000)):
+            stop.receive(0, 0x101, b"", now)
+    assert stop.report()["confirmed"] == []
+
+
 def test_drive_that_goes_on_sending_while_nothing_is_asked_is_not_confirmed(legs):
     stop, _ = legs
     for now in range(0, STOP_LIMIT, 1_000_000):
@@ -139,19 +149,19 @@ def test_one_reply_confirms_only_one_device():
     stop.step(0)
     for round in range(4):
         stop.step(round * STOP_ROUND)
-        for _ in range(2 * (round == 1)):
-            stop.receive(0, 0x101, b"", STOP_ROUND + 1)
+        for _ in range(2 * (round <= 1)):
+            stop.receive(0, 0x101, b"", round * STOP_ROUND + 1)
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
 @pytest.mark.hazard("H9d")
 def test_stop_ends_when_all_drives_confirm(legs):
     stop, _ = legs
-    stop.step(0)
-    stop.step(STOP_ROUND)
-    for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
-        stop.receive(bus, identifier, data, STOP_ROUND + 1_000_000)
-        stop.receive(bus, identifier, data, STOP_ROUND + 2_000_000)
+    for began in (0, STOP_ROUND):
+        stop.step(began)
+        for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
+            stop.receive(bus, identifier, data, began + 1_000_000)
+            stop.receive(bus, identifier, data, began + 2_000_000)
     stop.step(2 * STOP_ROUND)
     assert not stop.over
     stop.step(3 * STOP_ROUND)
