@@ -40,6 +40,7 @@ cdef struct Transit:
     int64_t likely                      # ns, of the command that it answers if those before were lost
     int64_t newest                      # ns, transit of the newest reply, too long after lost frames
     int64_t silent_since                # ns, of the first command after the newest reply; -1: none
+    bint silent_early                   # whether replies to earlier commands were due then
     bint measured                       # there is a certain transit
     int64_t replies[OPEN]               # ns, from `sent` to the replies that are not certain
     int uncertain                       # their number
@@ -104,14 +105,14 @@ cdef inline void note_asked(Transit *t, int count, int64_t now, int64_t sent, in
     cdef int index, place
     if not t.answers or count <= 0:
         return
+    if t.silent_since < 0:
+        t.silent_since, t.silent_early = now, t.open > 0
     for index in range(count):
         if t.open == OPEN:
             drop_oldest(t)
         place = <int>((t.first + t.open) & (OPEN - 1))
         t.asked[place], t.sent[place], t.ticks[place] = now, sent, tick
         t.open += 1
-    if t.silent_since < 0:
-        t.silent_since = now
 
 
 cdef inline void note_arrival(Transit *t, int64_t time) noexcept nogil:

@@ -28,6 +28,7 @@ cdef inline void begin_enabling(Device *device, int64_t now) noexcept nogil:
     measure_again(&device.transit)
     device.enabling = True
     device.enabled_since = now
+    device.gap = 0
     device.replies = device.rounds = 0
     device.replies_wanted = device.zero.count
 

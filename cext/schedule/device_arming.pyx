@@ -49,7 +49,7 @@ cdef class DeviceArming:
             forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH if self.table.stopping else 0)
             begin_asking(self.table, device, looked)
         self.table.waiting = self.table.stopping = False
-        self.table.arming = True
+        self.table.arming, self.table.looked = True, looked
 
     cdef void ask_again(self) noexcept nogil:
         """Require the actuators to return what is written to them once more, as the operator may have taken his time."""

@@ -23,7 +23,7 @@ cdef struct Device:
     int transit_slot             # of three numbers, s: as the memory `transit` of a joint; -1: none
     double unseen                # s, the second of them
     int stiffness, damping_command      # slots, -1: none
-    int64_t gap                  # ns, longest between two replies since the previous tick
+    int64_t gap                  # ns, longest wait for a reply since the previous tick; of a drive that reports, between two reports
     double report_period         # s between its reports; 0 if it answers commands
     double max_transit           # s
     double restart_time          # s of silence in which it may restart, and obeys again without an enable; 0: none
@@ -82,6 +82,7 @@ cdef class DeviceTable:
     cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
     cdef bint arming             # until the blocks start
+    cdef bint looked             # the operator looks at the replies of this arming
     cdef bint timed              # the replies are timed
     cdef bint alone              # no other node may command the devices
 
@@ -92,5 +93,6 @@ cdef class DeviceTable:
     cdef void reset(self)
     cdef bint has_replied(self, const Device *device) noexcept nogil
     cdef bint may_answer_late(self, const Device *device) noexcept nogil
+    cdef bint may_come_in_bursts(self, const Device *device) noexcept nogil
     cdef bint has_answered(self, const Device *device) noexcept nogil
     cdef bint all_answered(self) noexcept nogil

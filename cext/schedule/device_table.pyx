@@ -156,6 +156,11 @@ cdef class DeviceTable:
         return device.enabling and device.twins.period > 0 and device.twins.answers_disable and (
             self.now - device.enabled_since < STOP_LISTEN_LIMIT)
 
+    cdef bint may_come_in_bursts(self, const Device *device) noexcept nogil:
+        """Return whether replies were not watched for long enough to exclude gaps in which a drive could restart."""
+        return self.arming and self.looked and device.enabling and device.restart_time > 0.0 and (
+            self.now - device.enabled_since < 2 * STOP_LISTEN_LIMIT)
+
     cdef bint has_answered(self, const Device *device) noexcept nogil:
         """Return whether arming or the safe stop need not wait for a device any longer."""
         if self.stopping:
@@ -163,6 +168,7 @@ cdef class DeviceTable:
         return device.drive.state == OUT or (
             self.has_replied(device) and (device.enabling or not device.zeroing.due)
             and not self.may_answer_late(device)
+            and not self.may_come_in_bursts(device)
             and not (self.arming and may_be_two(&device.twins, device.enable.count > 0, self.now)))
 
     cdef bint all_answered(self) noexcept nogil:

@@ -301,19 +301,28 @@ cdef class Devices:
             and 1e-9 * longest_transit(&device.transit) <= permitted)
 
     cdef bint may_have_restarted(self, const Device *device, int64_t now) noexcept nogil:
-        """Return whether a drive was silent for long enough to have restarted, and would obey the next command."""
+        """Return whether a drive was silent for long enough to have restarted, and would obey the next command.
+
+        Also, while arming, whether its replies arrive in bursts between which it could restart.
+        """
         cdef double period = self.table.arena[PERIOD]
+        cdef double permitted = max(device.restart_time, RESTART_PERIODS * max(period, device.report_period))
         cdef double silent
-        if device.restart_time <= 0.0 or device.zeroing.runs or self.table.waiting or self.table.arming:
+        if device.restart_time <= 0.0 or device.zeroing.runs or self.table.waiting:
             return False
+        if self.table.arming:
+            # a quarter of a period, so that a lost frame is none
+            return device.enabling and 1e-9 * device.gap > permitted + 0.25 * max(period, device.report_period)
         if not device.transit.answers:
+            permitted = max(device.restart_time, RESTART_PERIODS * device.report_period)
             silent = 1e-9 * max(device.gap, now - device.reply_time) - device.report_period
-            period = 0.0
         elif device.transit.silent_since >= 0:
-            silent = 1e-9 * (now - device.transit.silent_since - longest_transit(&device.transit))
+            # with replies on their way, a silence begins where the next one is missing
+            silent = 1e-9 * (now - device.transit.silent_since
+                - (0 if device.transit.silent_early else longest_transit(&device.transit)))
         else:
             return False
-        return silent > max(device.restart_time, RESTART_PERIODS * max(period, device.report_period)) - 1e-9
+        return silent > permitted - 1e-9
 
     cdef int command(self) noexcept nogil:
         """Encode the frames of each device into `outgoing`, bus by bus.
@@ -419,6 +428,13 @@ cdef inline int64_t sampled_since(const Device *device) noexcept nogil:
     return device.transit.likely if device.transit.answers and device.transit.likely >= 0 else device.reply_time
 
 
+cdef inline int64_t silent_from(const Device *device, int64_t time) noexcept nogil:
+    """Return since when in ns a reply was due that arrives at `time`."""
+    if not device.transit.answers:
+        return device.reply_time
+    return device.transit.silent_since if device.transit.silent_since >= 0 else time
+
+
 cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick, bint timed) noexcept nogil:
     """Note a reply or sample.
 
@@ -427,8 +443,8 @@ cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int
     """
     cdef int index
     device.owed = device.doubtful = False
-    if device.answered:
-        device.gap = max(device.gap, frame.time - device.reply_time)
+    if device.answered and device.reply_time >= device.enabled_since:   # not over the wait for the operator
+        device.gap = max(device.gap, frame.time - silent_from(device, frame.time))
     device.answered = True
     device.reply_time = frame.time
     device.replies += counts

@@ -72,8 +72,10 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "Without a terminal for that confirmation, a run on a robot is rejected before anything is sent.",
             "c": "On a robot, no frame that enables a drive or commands a torque is sent before every device, an "
             "emergency stop among them, has responded and the operator has confirmed, and after a fault not before a "
-            "new confirmation. A drive that was power-cycled in a run has no torque afterwards; one that obeys without "
-            "being enabled, if it was silent for `restart_time` or reports its restart.",
+            "new confirmation. A drive that was power-cycled in a run and returns disabled has no torque afterwards; "
+            "one that obeys without being enabled, if it was silent for `restart_time` and two periods from the first "
+            "command without a reply, or reports its restart. An adapter whose bursts could hide such a silence is "
+            "refused before any torque.",
             "d": "A run that was suspended and continues, or whose computer was suspended, sends no torque.",
             "e": "A bus has one controller: a second run is rejected.",
             "f": "A computer that can sleep is kept awake during a run, or the run prints why not.",

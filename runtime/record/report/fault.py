@@ -154,7 +154,9 @@ def silent(block: Block | None, timeout: str) -> str:
     return (
         f"no reply for longer than its restart_time ({restart:g} s, or two periods): it may have restarted, and it "
         "would obey the next command without an enable, at an angle that may have shifted. Check its supply and the "
-        "bus. If the drive was measured to need longer to restart, set restart_time to that"
+        "bus. A USB adapter that delivers replies in bursts has the same effect: set its latency timer to 1 ms, or use "
+        "an interface with native SocketCAN. If the drive was measured to need longer to restart, set restart_time to "
+        "that"
     )
 
 

@@ -9,6 +9,9 @@ import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
 from tests.cext.imposed import imposed, still
+from tests.cext.schedule.test_stop_values import PERIODIC, bursts, own, run
+from tests.own_drives import FAMILIES as OWN
+from tests.own_drives import OwnDrive
 
 RATES = [100, 200, 500, 1000]
 FAMILIES = {  # drive, model, parameters, the fault
@@ -87,4 +90,56 @@ def test_a_single_lost_frame_is_no_restart(family, rate):
         emulator={"dropped": lambda t: float(0.0 <= (t + 1e-6) % 0.1 < 0.5 / rate)},
         **more,
     )
+    assert outcome.status == "ok"
+
+
+class Interrupted(OwnDrive):
+    """Without power from `off` for `gone` ns. It reports no power-up, and obeys the next command."""
+
+    off, gone = 2_500_000_000, 0
+
+    def hear(self, identifier, extended, data, now):
+        if self.off <= now < self.off + self.gone:
+            self.torque, self.enabled = 0.0, False
+            return []
+        return super().hear(identifier, extended, data, now)
+
+
+@pytest.mark.hazard("H4c")
+@pytest.mark.parametrize("gone", [0.016, 0.025, 0.040])
+@pytest.mark.parametrize("transit", [0.0, 0.008, 0.016, 0.030])
+@pytest.mark.parametrize("rate", [200, 500])
+def test_a_constant_transit_hides_no_restart(rate, transit, gone):
+    """Also after the transit was measured: the replies to the commands on their way are missing, too."""
+    drive = Interrupted(OWN["v3"])
+    drive.gone = round(gone * 1e9)
+    outcome, _ = run("v3", [drive], ticks=3 * rate, rate=rate, wired={"transit": lambda: round(transit * 1e9)})
+    assert outcome.status == "silent" and 2.3 < outcome.tick / rate < 2.7
+
+
+@pytest.mark.parametrize("transit", [0.0, 0.008, 0.016, 0.030])
+@pytest.mark.parametrize("rate", [100, 200, 500, 1000])
+@pytest.mark.parametrize("name", PERIODIC)
+def test_a_constant_transit_is_no_restart(name, rate, transit):
+    late = {"transit": lambda: round(transit * 1e9)}
+    outcome, _ = run(name, [own(name)], ticks=rate, rate=rate, wired=late, answered=int)
+    assert (outcome.status, outcome.unconfirmed) == ("ok", ())
+
+
+@pytest.mark.hazard("H4c")
+@pytest.mark.parametrize("burst", [0.016, 0.020, 0.032, 0.048])
+@pytest.mark.parametrize("rate", [200, 500, 1000])
+@pytest.mark.parametrize("name", PERIODIC)
+def test_an_adapter_whose_bursts_could_hide_a_restart_is_refused_before_any_torque(name, rate, burst):
+    for start in (0.0, 0.0023, 0.0121):
+        drive = own(name)
+        outcome, _ = run(name, [drive], rate=rate, block={"timeout": 0.2}, wired=bursts(burst, start), answered=int)
+        assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "drive0", -1)
+        assert all(kind != "command" for _, kind in drive.heard) and drive.torque == 0.0
+
+
+@pytest.mark.parametrize("rate", [200, 500, 1000])
+@pytest.mark.parametrize("name", PERIODIC)
+def test_bursts_that_are_shorter_than_a_restart_are_permitted(name, rate):
+    outcome, _ = run(name, [own(name)], ticks=rate, rate=rate, wired=bursts(0.008, 0.0023), answered=int)
     assert outcome.status == "ok"

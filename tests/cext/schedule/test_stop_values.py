@@ -17,9 +17,9 @@ HOLDS = (0.5, 2.0, 5.0)
 PERIODIC = ("v3", "v3 reports", "servo")
 
 
-def robot_with(names, **options):
+def robot_with(names, rate=RATE, **options):
     """A robot with a drive of each family, each on its own bus. options : of the blocks"""
-    with Diagram("robot", rate=RATE) as robot:
+    with Diagram("robot", rate=rate) as robot:
         for index, name in enumerate(names):
             family = FAMILIES[name]
             drive = family.block(
@@ -29,12 +29,12 @@ def robot_with(names, **options):
     return robot
 
 
-def run(name, drives, ticks=20, block=None, wired=None, **options):
+def run(name, drives, ticks=20, block=None, wired=None, rate=RATE, **options):
     """Run a robot with the block of a family, and these drives on its bus. Returns the Outcome and the Rig.
 
     block : its options; wired : those of Wired
     """
-    robot = robot_with([name], **block or {})
+    robot = robot_with([name], rate, **block or {})
     with Diagram("plant", rate=PLANT) as plant:
         wire = Wired(drives, PLANT, **wired or {}, name="drives")
     rig = Rig(robot, plant)
@@ -152,10 +152,13 @@ def test_bursts_of_reports_by_a_drive_that_misses_the_stop_confirm_nothing(name,
     always = name in ("v3 reports", "servo")
     if name == "servo" and reported is not None:
         return  # a protocol without an answer to the disable: its reports at rest are all there is
-    block = {"report_rate": min(reports, 500.0), "timeout": 0.2} if always else {}
+    rate = min(reports, 500.0) if always else reports
+    block = {"report_rate": rate, "timeout": 0.2} if always else {}
     block |= {"restart_time": 0.0} if name in PERIODIC else {}
     for start in FROM:
-        drive = own(name, hold=5.0, reported=reported, misses_stop=True, reports=min(reports, 500.0) if always else reports)
+        drive = own(
+            name, hold=5.0, reported=reported, misses_stop=True, reports=min(reports, 500.0) if always else reports
+        )
         outcome, _ = run(name, [drive], ticks=60, block=block, wired=bursts(burst, start))
         assert drive.deaf and outcome.unconfirmed == ("drive0",), start
 
