@@ -8,10 +8,11 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,42 +79,56 @@ def deaths(count: int) -> tuple[dict[str, list[float]], list[float]]:
         robot.write_text(ROBOT)
         rig.write_text(f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n')
         listener = node(group)
-        try:
-            for _ in range(count):
-                for name, case in CASES.items():
-                    times[name] += one_death(listener, robot, rig, case)
-                    loads.append(os.getloadavg()[0])
-        finally:
-            listener.shutdown()
+        cases = [*CASES.items()] * count
+        with ExitStack() as stack:
+            stack.callback(listener.shutdown)
+            runs = (stack.enter_context(run_on_rig(robot, rig, "--realtime", case.realtime)) for _, case in cases)
+            later: subprocess.Popen[str] | None = next(runs)
+            for name, case in cases:
+                assert later is not None
+                run, later = later, next(runs, None)  # which imports while this one arms
+                times[name] += one_death(listener, run, later, case)
+                loads.append(os.getloadavg()[0])
     return times, loads
 
 
-def one_death(listener: BusABC, robot: Path, rig: Path, case: Case) -> list[float]:
-    """Return [s to the first stop frame of the later drive of a run]; inf without one, [] without the priority."""
+def one_death(
+    listener: BusABC, process: subprocess.Popen[str], later: subprocess.Popen[str] | None, case: Case
+) -> list[float]:
+    """Return [s to the first stop frame of the later drive of a run]; inf without one, [] without the priority.
+
+    later : the next run, which waits before the signal
+    """
     guardian = None
+    assert process.stdin is not None and process.stdout is not None
     while listener.recv(0) is not None:  # frames of the run before
         pass
     try:
-        with run_on_rig(robot, rig, "--realtime", case.realtime) as process:
-            deadline = time.monotonic() + START_TIMEOUT
-            while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in frames(listener, 0.02)):
-                if time.monotonic() > deadline or process.poll() is not None:
-                    raise OSError("the run under test did not start")
-            guardian = guardian_of(process.pid)
-            if case.priority and os.sched_getparam(guardian).sched_priority == 0:
-                return []
-            time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
-            if any(data == DISABLE for _, _, data in frames(listener, 0.0)):
-                raise OSError("the run under test has ended by itself")
-            killed = time.time()
-            os.kill(guardian if case.guardian else process.pid, case.number)
-            first: dict[int, float] = {}
-            while len(first) < 2 and time.time() < killed + STOP_TIMEOUT:
-                for at, identifier, data in frames(listener, 0.01):
-                    if data == DISABLE:
-                        first.setdefault(identifier, at - killed)
-            return [max(first.values()) if len(first) == 2 else float("inf")]
+        process.stdin.close()
+        deadline = time.monotonic() + START_TIMEOUT
+        while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in frames(listener, 0.02)):
+            if time.monotonic() > deadline or process.poll() is not None:
+                raise OSError("the run under test did not start")
+        guardian = guardian_of(process.pid)
+        if case.priority and os.sched_getparam(guardian).sched_priority == 0:
+            return []
+        if later is not None and later.stdout is not None:
+            later.stdout.readline()
+        time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
+        if any(data == DISABLE for _, _, data in frames(listener, 0.0)):
+            raise OSError("the run under test has ended by itself")
+        killed = time.time()
+        os.kill(guardian if case.guardian else process.pid, case.number)
+        first: dict[int, float] = {}
+        while len(first) < 2 and time.time() < killed + STOP_TIMEOUT:
+            for at, identifier, data in frames(listener, 0.01):
+                if data == DISABLE:
+                    first.setdefault(identifier, at - killed)
+        return [max(first.values()) if len(first) == 2 else float("inf")]
     finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
         if guardian is not None:
             end(guardian, at_once=case.guardian)
 

@@ -12,6 +12,16 @@ from runtime.host.system import end_with_parent
 
 ROOT = Path(__file__).parents[3]
 START_TIMEOUT = 10.0  # s until a run commands torque
+WAITS = """
+import os, sys
+import blocks.families, can, runtime.cli.run, runtime.robot.rig, runtime.session.session
+import runtime.robot.loading.simulation
+from runtime.__main__ import main
+print("ready", flush=True)
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+sys.stdin.read()
+main()
+"""
 
 
 @contextmanager
@@ -44,22 +54,25 @@ def emulation(
 
 
 @contextmanager
-def run_on_rig(robot: Path, rig: Path, *words: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Context manager of a run on a rig, armed without confirmation.
+def run_on_rig(robot: Path, rig: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """Context manager of a run on a rig, armed without confirmation, which waits for the end of its standard input.
+
+    It prints a line once it has imported what a run imports, and then waits for that end.
 
     robot, rig : paths of their files
     words : further options
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record", *words],
+        [sys.executable, "-c", WAITS, str(robot), "--rig", str(rig), "--yes", "--no-record", *words],
         cwd=ROOT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
+        text=True,
         preexec_fn=end_with_parent,
     )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
