@@ -99,7 +99,7 @@ def docstring(app, what, name, thing, options, lines):
 
 OUTSIDE = {  # section: its pages in other folders, before and after its own
     "reference": (["/api/blocks/index", "/api/python/index", "/api/commands"], ["/api/error_codes", "/CHANGELOG"]),
-    "explanation": ([], ["/safety_case", "/coming_from/index", "/CONTRIBUTING"]),
+    "explanation": ([], ["decisions/index", "/safety_case", "/coming_from/index", "/CONTRIBUTING"]),
 }
 
 
