@@ -127,7 +127,7 @@ def learned_gait(thighs):
 def hip_assistance(thighs, mass, scale, delay):
     """Return {side: torque}, the share of the biological torque of the hip that the network hip_torque estimates.
 
-    thighs : {side: Motion}; mass : of the wearer, kg; scale, delay : as of BiologicalTorque
+    thighs : {side: Motion}; mass : of the wearer, kg; scale, delay : as in BiologicalTorque
     """
     torques = {}
     for side, hip in estimate("hip_torque", thighs).items():

@@ -30,7 +30,7 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, person=0, seed=0, recordin
     speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"
     mass, height : kg, m
     person : 0 for the average adult, or the number of another
-    recording : path of a recorded motion, as of Walker, instead of speed and person
+    recording : path of a recorded motion, as in Walker, instead of speed and person
     """
     devices = [block for block in robot if isinstance(block, Device)]
     cells = {device.path: device for device in devices if isinstance(device, NAU7802)}
@@ -74,7 +74,7 @@ def actuator(device, name, body, cell):
 
 
 def sensor(robot, device, name, body):
-    """Return {input of its emulator: signal} of a sensor. body : as of `actuator`"""
+    """Return {input of its emulator: signal} of a sensor. body : as in `actuator`"""
     if name.endswith("_imu"):
         segment = name.removesuffix("_imu")
         along, forward = PLACES[segment]

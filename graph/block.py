@@ -43,14 +43,14 @@ class Block:
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
     for the proof; `output_units` where outputs have units of their own; `fault_text` for a status of its kernel;
-    `run_summary`. `rules` relate parameters, as in ("lower <= upper",), and hold for live ones, too (graph/rules.py).
+    `run_summary`. `rules` relate parameters, as in ("lower <= upper",), and also hold for live ones (graph/rules.py).
     """
 
     kernel: Any = None
     update_kernel: Any = None
     settle_kernel: Any = None
     feedthrough: Iterable[str] | None = None
-    rules: tuple[str, ...] = ()  # comparisons between parameters; those of base classes hold, too
+    rules: tuple[str, ...] = ()  # comparisons between parameters; those of base classes also hold
     # {output or memory: (low, high)}, expressions as those of a rule, as in {"limited": ("-limit", "limit")}: bounds of
     # what the block keeps while it does not run. A live change moves it towards 0, never away from it
     held_within: dict[str, tuple[str, str]] = {}
@@ -92,7 +92,7 @@ class Block:
         super().__init_subclass__(**options)
         cls._own = {n: d for n, d in vars(cls).items() if isinstance(d, Param)}
         for name in cls._own:
-            # CPython 3.11 finds an attribute that the class has, too, slowly: a step would take a quarter longer
+            # CPython 3.11 is slow to find an attribute that the class also has: a step would take a quarter longer
             delattr(cls, name)
         declared = {}
         for base in reversed(cls.__mro__):
@@ -195,7 +195,7 @@ class Block:
         self._configured = {name: getattr(self, name) for name in self.parameters}
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
             raise TypeError(
-                f"{type(self).__name__} chooses its kernel in configure: name one of them on the class, too, so that "
+                f"{type(self).__name__} chooses its kernel in configure: also name one of them on the class, so that "
                 "its subclasses are checked against it"
             )
         for name in self.outputs:

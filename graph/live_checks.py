@@ -1,4 +1,4 @@
-"""Checks of live parameters: every combination that the rules of a block allow must be valid for its hooks, too.
+"""Checks of live parameters: every combination that the rules of a block allow must also be valid for its hooks.
 
 The loop knows the bounds and the rules of a block, not what its `configure` and `prepare` check. These are called on a
 copy of the block with combinations of live values; one that they reject and the rules allow is an error of the diagram.

@@ -170,9 +170,9 @@ def simulate(
                 sim.step(0.005)                                 # s
                 if sim["left/knee.torque"] > 5.0:
                     sim["left/profile.scale"] = 0.8             # a live parameter, which ramps
-        sim.trial["left/knee.position"]                         # as of runtime.run
+        sim.trial["left/knee.position"]                         # as in runtime.run
 
-    Arguments, recorded signals and errors as of `run`. Any division into steps gives the signals of one `run`, bit for
+    Arguments, recorded signals and errors as in `run`. Any division into steps gives the signals of one `run`, bit for
     bit. Returns a runtime.session.simulate.SimulatedRun.
     """
     with _WholeImports():
@@ -201,7 +201,7 @@ def connect(
                 robot.set({"torque.value": -20.0 * angle})          # a live parameter, from the next tick on
                 if angle > 1.2:
                     break                                           # the safe stop
-        robot.trial["left/knee.position"]                           # as of runtime.run
+        robot.trial["left/knee.position"]                           # as in runtime.run
 
     On a rig, and with fast=False in a simulation in real time, the robot is the command `python -m runtime FILE` in a
     process of its own, with guardian, recorder, pre-flight table and safe stop; it is armed when `with` begins. By
@@ -215,10 +215,10 @@ def connect(
     diagram : path of a diagram file
     rig : path of a rig file
     duration : duration in s; None runs until the loop ends
-    settings, seed, rate : as of `run`
+    settings, seed, rate : as in `run`
     fast : virtual time; not on a rig
     loop_timeout : s that one pass of the loop may take in real time
-    options : further options of the command in real time, as of `run`: yes=True, record="trials"
+    options : further options of the command in real time, as in `run`: yes=True, record="trials"
 
     Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedLoop with
     the same names. Iteration raises runtime.host.errors.RunFault after a fault. Raises BadInput.
@@ -256,7 +256,7 @@ def check(
         report["ok"], report["proofs"]      # the keys of `check --json`
 
     diagram : path of a diagram file, a Diagram, or a function that builds one
-    settings, rate, rig : as of `run`; not for a Diagram
+    settings, rate, rig : as in `run`; not for a Diagram
 
     Returns a runtime.record.report.check.Report, a dict. Raises BadInput if a file cannot be read.
     """
@@ -311,7 +311,7 @@ def study(
     samples : number of samples
     sample_seed : integer from which the samples are drawn
     seeds : every combination is run with each of them, as `seed` of runtime.run
-    settings, rate : of every run, as of `run`
+    settings, rate : of every run, as in `run`
     output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
         table of the same study is read
     workers : number of processes, by default one for each processor; 0 runs the trials in this process
@@ -363,16 +363,16 @@ def optimise(
         result.optimum                  # {"*/profile.scale": ..., "stride_time": ...}
         result.plot()                   # costs and parameters over the generations
 
-    diagram, duration, objectives : as of `study`
+    diagram, duration, objectives : as in `study`
     over : {name of a setting: [low, high] or [low, high, initial]}
     cost : name of the objective to minimise, by default the only one
     optimiser : "cma" (CMA-ES), "bayesian" (of Optuna) or "random"
     generations, population : number of generations, and of proposals in each
     seed : integer from which the random numbers of the optimiser are derived
-    output, workers, dask : as of `study`
-    grid, sample, samples, sample_seed, seeds : as of `study`. Each proposal is run with all combinations, such as
+    output, workers, dask : as in `study`
+    grid, sample, samples, sample_seed, seeds : as in `study`. Each proposal is run with all combinations, such as
         wearers, and its cost is the mean
-    settings, rate : of every run, as of `run`
+    settings, rate : of every run, as in `run`
 
     The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
     runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the

@@ -1,6 +1,6 @@
 """Settings of an actuator that differ from the table of its model, and their effect if the table is correct.
 
-The effective values are compared, not the parameters: those of a subclass and of another table count, too.
+The effective values are compared, not the parameters: those of a subclass and of another table also count.
 """
 
 from __future__ import annotations

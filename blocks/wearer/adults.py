@@ -56,7 +56,7 @@ def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any
 
 
 def scores_of(person: Any) -> Real:
-    """Return the scores of an adult. person : as of `family`. ValueError"""
+    """Return the scores of an adult. person : as in `family`. ValueError"""
     if isinstance(person, (int, float, np.integer)):
         if not 0 <= person < 2**32 or person != int(person):
             raise ValueError(f"person must be a whole number from 0 to {2**32 - 1} or scores, got {person!r}")

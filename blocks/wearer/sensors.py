@@ -16,7 +16,7 @@ class SegmentIMU(Block):
     """Inertial sensor on a segment of a Walker: specific force, angular velocity and attitude.
 
     f = Rᵀ (a + α × r + ω × (ω × r) − g) + bias + noise, with the acceleration a of the proximal joint and the position
-    r of the sensor. Bias and noise are added to the angular velocity ω, too. Axes before the mounting error: x forward,
+    r of the sensor. Bias and noise are also added to the angular velocity ω. Axes before the mounting error: x forward,
     y right, z down in a straight stand. At rest and upright f is (0, 0, -9.81) m/s². The noise is white, a function of
     seed and tick (Philox 4x64-10); the bias of the gyroscope drifts as a random walk. The attitude is the true one of
     the sensor, relative to north, east, down, with north ahead. Example:

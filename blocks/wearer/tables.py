@@ -105,7 +105,7 @@ def entry_of(stride_time: float) -> dict[str, Any]:
 def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return (speeds, coefficients of the cubics between them) of a motion.
 
-    height : of the body, m; person : as of Walker. The coefficients are of shape (pieces, 4, numbers), a natural cubic
+    height : of the body, m; person : as in Walker. The coefficients are of shape (pieces, 4, numbers), a natural cubic
     spline. ValueError
     """
     if person != 0 and motion != "walk":
@@ -126,7 +126,7 @@ def speed_of(stride_time: float, speeds: np.ndarray, cubics: np.ndarray) -> floa
 
 
 def walking_speed(stride_time: float, height: float = BODY_HEIGHT, person: Any = 0) -> float:
-    """Return the speed in m/s at which an adult has strides of a duration in s. height : m; person : as of Walker"""
+    """Return the speed in m/s at which an adult has strides of a duration in s. height : m; person : as in Walker"""
     return speed_of(stride_time, *over_speed("walk", height, person))
 
 

@@ -156,7 +156,7 @@ def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
 
     name : of the command
     arguments : after the name
-    folder : as of `main`
+    folder : as in `main`
     """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
     import_module("importlib.metadata")  # which every run needs: its own imports have names that users give to files

@@ -120,7 +120,7 @@ def main(arguments: Sequence[str]) -> int:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="validate without assistance, too: a live parameter that switches it off, as in '*/profile.scale=0'",
+        help="also validate without assistance: a live parameter that switches it off, as in '*/profile.scale=0'",
     )
     own.add_argument("--no-confirm", action="store_true", help="apply proposals without waiting for the key y")
     own.add_argument("--resume", type=Path, metavar="FILE", help="continue from a *.optimisation.json, and extend it")

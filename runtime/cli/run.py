@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code of the run, as of runtime.record.report.summary.exit_code."""
+    """Run the command. Returns the exit code of the run, as in runtime.record.report.summary.exit_code."""
     from runtime.record.report import summary
 
     result = carried_out(parse_run(arguments))

@@ -111,7 +111,7 @@ def add_showing(parser: Parser) -> None:
 def show(watched: Any, name: str, options: Namespace) -> StreamResult:
     """Stream to the viewers that the options name. Returns the counts.
 
-    watched : as of runtime.setup.commissioning.streaming.stream
+    watched : as in runtime.setup.commissioning.streaming.stream
     name : of the device in files
     """
     try:

@@ -16,7 +16,7 @@ class BadInput(Exception):
 class RunFault(RuntimeError):
     """A fault in a run that a program advances or follows.
 
-    fault : dict with `status`, `culprit`, `tick` and `report`, as of Trial.fault
+    fault : dict with `status`, `culprit`, `tick` and `report`, as in Trial.fault
     """
 
     def __init__(self, fault: dict) -> None:

@@ -20,10 +20,10 @@ def replaced(
 ) -> Iterator[BinaryIO]:
     """Open a new file for bytes, which replaces the file of this name when the block ends without an exception.
 
-    Until then, and if the process is killed or the disk is full, the old file stays. Its owner and permissions stay,
-    too, and a symbolic link remains one. What is not a regular file, such as a pipe, is written directly.
+    Until then, and if the process is killed or the disk is full, the old file stays. Its owner and permissions
+    also stay, and a symbolic link remains one. What is not a regular file, such as a pipe, is written directly.
 
-    opener : function of a path and flags that opens a new file, as of `open`
+    opener : function of a path and flags that opens a new file, as in `open`
     durable : whether to wait for the disk
     part : path of the new file until then; by default an unused one beside
 

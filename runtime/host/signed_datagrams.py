@@ -1,4 +1,4 @@
-"""Signed datagrams of a button on a network that others use, too.
+"""Signed datagrams of a button on a network that others also use.
 
     sender      48 bytes: a CAN frame (16), the session (8), a rising number (8, little-endian), a tag (16)
     receiver    16 bytes, in reply to a datagram of another session: "tickwork", the session (8)

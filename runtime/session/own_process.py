@@ -2,7 +2,7 @@
 
 The process has a pseudo terminal, so that it is the command in every respect: guardian, recorder, pre-flight table and
 safe stop. Its lines are printed here. Ctrl-C is passed on, and closing the terminal, as when this process is killed,
-ends the run with a safe stop, too.
+also ends the run with a safe stop.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class Preflight:
 
     diagram, schedule : of the robot, with the parameters of its rig
     interfaces : {bus: (interface, channel)}
-    confirm : whether the operator confirms the table; or the signal that confirms it, as of --arm-on
+    confirm : whether the operator confirms the table; or the signal that confirms it, as in --arm-on
     granted : texts, the real-time privileges of the guardian
     poses : runtime.robot.rig.poses.Poses, or None
     """

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from runtime.robot.rig import RigBuses
     from runtime.session.prepare import Prepared
 
-    Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None  # as of signal.getsignal
+    Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None  # as returned by signal.getsignal
 
 EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
 POLL_PERIOD = 0.001  # s
@@ -286,7 +286,7 @@ class Session:
 def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: float | None) -> Outcome:
     """Stop the actuators from this process if the guardian that carries their frames no longer answers.
 
-    seconds : as of `stopped_late`
+    seconds : as in `stopped_late`
 
     Returns the Outcome.
     """
@@ -298,7 +298,7 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState, second
 
 
 def taken_over(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
-    """Stop the actuators from this process. Returns the Outcome. seconds : as of `stopped_late`"""
+    """Stop the actuators from this process. Returns the Outcome. seconds : as in `stopped_late`"""
     with caught_signals() as caught:
         report = rig.take_over(time_to_stop(seconds), lambda: bool(caught))
     late = [(name, after) for name, after in report["after"].items() if after > report["due"]]
@@ -306,7 +306,7 @@ def taken_over(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcom
 
 
 def time_to_stop(seconds: float | None) -> float:
-    """Return the time in s for which a stop continues. seconds : as of `stopped_late`"""
+    """Return the time in s for which a stop continues. seconds : as in `stopped_late`"""
     return seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
 
 

@@ -72,11 +72,11 @@ def check_above_zero(name: str, value: Any) -> None:
 class SimulatedRun:
     """Run in virtual time inside this process, which `step` advances.
 
-    Arguments as of runtime.simulate. `duration` is that of the whole run in s, None if it is unknown. Without
+    Arguments as in runtime.simulate. `duration` is that of the whole run in s, None if it is unknown. Without
     `keep_rows` the trial has the signals of at least the last tick and at most ROWS ticks, for a run of many hours.
 
     tick : number of ticks done
-    fault : fault that has ended the run, as of Trial.fault; None without one
+    fault : fault that has ended the run, as in Trial.fault; None without one
     """
 
     def __init__(
@@ -243,7 +243,7 @@ class SimulatedRun:
     def set(self, changes: Mapping[str, Any]) -> None:
         """Change live parameters from the next tick on, together, such as two with a rule between them.
 
-        changes : {name: value}, as of item assignment
+        changes : {name: value}, as in item assignment
 
         Raises BadInput, and then none was changed.
         """
@@ -309,7 +309,7 @@ class SimulatedRun:
 
     @property
     def fault(self) -> dict[str, Any] | None:
-        """Fault that has ended the run, as of Trial.fault; None without one."""
+        """Fault that has ended the run, as in Trial.fault; None without one."""
         return None if self._trial is None else self._trial.fault
 
     @property

@@ -269,7 +269,7 @@ def test_a_class_that_selects_a_kernel_in_configure_must_name_one():
         def configure(self):
             self.kernel = kernels.saturation
 
-    assert "Secret chooses its kernel in configure: name one of them on the class, too" in refusal(Secret)
+    assert "Secret chooses its kernel in configure: also name one of them on the class" in refusal(Secret)
 
 
 def test_check_block_refuses_a_class_whose_items_were_changed_afterwards():

@@ -83,7 +83,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
     """Emulated board of any generation in servo mode: outputs torque and reports its state.
 
     The gains of the velocity and position loops are assumed, since the vendor's tool sets the real ones. A V3.0 board
-    has force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` emulates the drive of a robot's block.
+    also has force control. `EmulatedCubeMarsServo.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
     report_rate = Param(

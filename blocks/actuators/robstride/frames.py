@@ -99,7 +99,7 @@ def single(value: float, kind: int) -> float:
 def difference(written: Sequence[tuple[int, float]], place: int, bits: int) -> str:
     """Return how a setting that was read back differs.
 
-    written : as of `settings_of`; place : of the setting, from 1 on; bits : raw value that was read
+    written : as in `settings_of`; place : of the setting, from 1 on; bits : raw value that was read
     """
     if not 1 <= place <= len(written):
         return "a setting differs from the one written"

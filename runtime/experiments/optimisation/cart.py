@@ -118,7 +118,7 @@ class Table:
             self.columns = {kind: (place, UNITS[kind][""]) for place, kind in enumerate(kinds)}
             return False
         columns = {}
-        if self.separator is None:  # names and units may be separated by a space, too
+        if self.separator is None:  # names and units may also be separated by a space
             cells = re.findall(r"\S+(?:\s*[\[(][^\])]*[\])])?", line)
         for place, cell in enumerate(cells):
             match = HEADER.fullmatch(cell)

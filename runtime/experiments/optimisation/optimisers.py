@@ -236,7 +236,7 @@ OPTIMISERS: dict[str, type[Optimiser]] = {one.name: one for one in (CmaEs, Bayes
 def make_optimiser(
     name: str, parameters: Iterable[Parameter], seed: int = 0, population: int | None = None
 ) -> Optimiser:
-    """Return the optimiser of a name: "cma", "bayesian" or "random". Arguments as of Optimiser.
+    """Return the optimiser of a name: "cma", "bayesian" or "random". Arguments as in Optimiser.
 
     Raises BadInput, and MissingExtra without the optimiser's package.
     """

@@ -130,7 +130,7 @@ class Companion:
     page : shared state of the run
     control : pidfd of the control process
     channel : file descriptor of the connection to the recorder
-    plan : as of OptimiserProcess
+    plan : as in OptimiserProcess
     path : of the state file
     """
 

@@ -17,7 +17,7 @@ from runtime.record.analysis.pictures import Pictures
 
 
 class OptimisationResult(StudyResult):
-    """Table of an optimisation, as of a StudyResult, with the columns `generation` and `evaluation`.
+    """Table of an optimisation, as in a StudyResult, with the columns `generation` and `evaluation`.
 
         result.optimum          # {"profile.peak": 7.3, ...}, the values of the lowest cost
         result.costs            # array over the evaluations, infinite for one that failed

@@ -22,7 +22,7 @@ SUFFIX = ".optimisation.json"
 class OptimisedSession(Session):
     """Run whose live parameters an optimiser process changes.
 
-    prepared, say : as of Session
+    prepared, say : as in Session
     plan : of runtime.experiments.optimisation.process
     state_path : of the state file; None for a new one beside the recording
 

@@ -20,7 +20,7 @@ from runtime.host.errors import BadInput
 def run(
     optimisation: Optimisation, output: Path | None = None, workers: int | None = None, dask: str | None = None
 ) -> OptimisationResult:
-    """Run an optimisation, or the rest of one. Arguments and errors as of runtime.experiments.studies.run.run.
+    """Run an optimisation, or the rest of one. Arguments and errors as in runtime.experiments.studies.run.run.
 
     After the last generation, the estimate of the optimum and the initial values are evaluated as well.
     """

@@ -80,17 +80,17 @@ def mean_power(trial: Trial, joint: str, after: float = 0.0) -> float:
 
 
 def positive_work(trial: Trial, leg: str) -> float:
-    """Return the positive work of a leg's joint in J, mean of its strides. leg : as of `plot --strides`: "left" """
+    """Return the positive work of a leg's joint in J, mean of its strides. leg : as in `plot --strides`: "left" """
     return _of_leg(trial, leg)["positive_work"]
 
 
 def negative_work(trial: Trial, leg: str) -> float:
-    """Return the negative work of a leg's joint in J, mean of its strides. leg : as of `plot --strides`: "left" """
+    """Return the negative work of a leg's joint in J, mean of its strides. leg : as in `plot --strides`: "left" """
     return _of_leg(trial, leg)["negative_work"]
 
 
 def stride_time(trial: Trial, leg: str) -> float:
-    """Return the mean duration of a leg's strides in s. leg : as of `plot --strides`: "left" """
+    """Return the mean duration of a leg's strides in s. leg : as in `plot --strides`: "left" """
     return _of_leg(trial, leg)["stride_time"]
 
 

@@ -28,7 +28,7 @@ class Terminal:
         self.interactive = os.isatty(descriptor) and not dumb
         self.coloured = self.interactive and not environment.get("NO_COLOR")
         locale = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
-        self.unicode = "utf" in locale.lower() or not locale  # Python's default is UTF-8, too
+        self.unicode = "utf" in locale.lower() or not locale  # UTF-8 is also Python's default
         self.poll = select.poll()
         self.drawn = False
         try:

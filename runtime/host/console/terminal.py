@@ -84,7 +84,7 @@ def harmless(text: str, coloured: bool) -> str:
 
 
 def one_line(text: str, coloured: bool = False) -> str:
-    """Return a text of a recording as `harmless` does, with ends of lines and tabs escaped, too.
+    """Return a text of a recording as `harmless` does, with ends of lines and tabs also escaped.
 
     Otherwise they could show a line that Tickwork has not written.
     """

@@ -29,7 +29,7 @@ def page_of(pid: int) -> SharedState | None:
             continue
         finally:
             os.close(descriptor)
-        if page.control == pid:  # the recorder has mapped it, too
+        if page.control == pid:  # the recorder has also mapped it
             return page
     return None
 
@@ -37,7 +37,7 @@ def page_of(pid: int) -> SharedState | None:
 def runs() -> dict[int, SharedState]:
     """Return {process ID: shared state} of every run that this user may access.
 
-    `emulate` has a shared state, too, but no table of live parameters.
+    `emulate` also has a shared state, but no table of live parameters.
     """
     states = {}
     for name in os.listdir("/proc"):

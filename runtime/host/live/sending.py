@@ -30,7 +30,7 @@ def batches(groups: Iterable[Changes], rules: Iterable[LiveRule] = ()) -> list[C
     """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
 
     groups : changes that belong together; a group is divided only if it exceeds the limit
-    rules : of the run; changes of parameters that a rule relates belong together, too
+    rules : of the run; changes of parameters that a rule relates also belong together
     """
     collected: list[Changes] = [[]]
     for group in joined(groups, rules):

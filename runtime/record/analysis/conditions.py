@@ -87,7 +87,7 @@ class Leg:
 
     @property
     def blocks(self) -> list[dict[str, Any]]:
-        """Blocks of the recorded diagram, as of graph.store."""
+        """Blocks of the recorded diagram, as in graph.store."""
         diagram: Any = self.condition.trial.diagram
         return diagram["blocks"] if diagram else []
 

@@ -176,7 +176,7 @@ def _faulty(trial):
 
 
 def _codes(trial):
-    """Return [(s, text, colour)] of the fault codes, at the begin of each."""
+    """Return [(s, text, colour)] of the fault codes, at the start of each."""
     return [
         (trial.time[first], f"{path}: {at_ticks(trial, path)[first]:g}", FAULT) for path, first, _ in _faulty(trial)
     ]

@@ -76,7 +76,7 @@ def over_times(trial: TrialData, path: str, at: np.ndarray) -> np.ndarray:
 
 
 def at_ticks(trial: TrialData, path: str) -> np.ndarray:
-    """Return a signal over the ticks, interpolated if it was recorded at a lower rate. Type as of Trial[path]."""
+    """Return a signal over the ticks, interpolated if it was recorded at a lower rate. Type as in Trial[path]."""
     samples = trial[path]
     if trial.every(path) == 1:
         return samples

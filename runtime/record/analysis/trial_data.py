@@ -248,7 +248,7 @@ class TrialData:
         return np.column_stack([array[:, column] for array, column in columns])
 
     def read(self, paths: Iterable[str]) -> dict[str, np.ndarray]:
-        """Return {path: array} of several signals, read in one pass. Shapes and types as of `trial[path]`.
+        """Return {path: array} of several signals, read in one pass. Shapes and types as in `trial[path]`.
 
         The arrays are read-only, since they share their memory with this Trial. Raises KeyError.
         """
@@ -331,7 +331,7 @@ class TrialData:
 
     @property
     def diagram(self) -> dict[str, Any] | None:
-        """Description of the diagram, as of graph.store; None if the recording has none."""
+        """Description of the diagram, as in graph.store; None if the recording has none."""
         if self._diagram is not None and not isinstance(self._diagram, dict):
             self._diagram = self._diagram()
         return self._diagram

@@ -18,7 +18,7 @@ The plan is a dict that JSON can carry:
     signals, buses  the columns of a row (index, path, dtype, unit); the names of the buses
     diagram_json    the diagram as JSON text, or None
     control_pid     process id of the control process
-    items           names of the stopwatch items, as of cext.clock.stopwatch.names
+    items           names of the stopwatch items, as in cext.clock.stopwatch.names
     sinks           of each sink: service (see runtime.record.recorder.plugins), path, parameters, columns (index, path,
                     dtype, unit)
     status_line     whether the terminal shows a status line

@@ -4,7 +4,7 @@ Both ends send messages of JSON. The companion sends what it needs, as a whole, 
 writer that has replaced a dead one starts without it:
 
     status      text of the status line
-    keys        names of keys, as of runtime.host.console.keys, that it receives
+    keys        names of keys, as in runtime.host.console.keys, that it receives
     help        line on these keys
     watch       indices of recorded signals that it receives
     fallback    [[index of a live parameter, value], ...] that are set if it dies, [] to change nothing

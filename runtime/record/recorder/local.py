@@ -27,7 +27,7 @@ class LocalRecorder:
     """Status line, events and average strides of a run in this process.
 
     page : cext.safety.shared_state.SharedState
-    receive : called with each block: rows, sent frames, rows before each frame, as of cext.safety.ring_reader.take
+    receive : called with each block: rows, sent frames, rows before each frame, as in cext.safety.ring_reader.take
     """
 
     lifeline = -1  # no other process reads the ring

@@ -185,7 +185,7 @@ def cause_of_death(page: SharedState, items: list[str]) -> str:
 
     Its exit code is only available to its parent process.
 
-    items : names of the stopwatch items, as of cext.clock.stopwatch.names
+    items : names of the stopwatch items, as in cext.clock.stopwatch.names
     """
     if page.crashed:
         hung = page.hung or -1

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 CALL_LIMIT = 20  # lines of the calls of an exception
-KERNEL_STATUS = "kernel status"  # begin of the name of a status that is the block's own
+KERNEL_STATUS = "kernel status"  # start of the name of a status that is the block's own
 
 
 def explain(result: RunResult) -> list[str]:

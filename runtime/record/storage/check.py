@@ -240,7 +240,7 @@ class Check:
 
 
 def gap_text(gap: Gap, rate: float, last: int | None) -> str:
-    """Return a Gap as text. Arguments as of Check.text"""
+    """Return a Gap as text. Arguments as in Check.text"""
     bytes_text = joined(f"{begin} to {end - 1}" for begin, end in gap.places)
     first = None if gap.before is None else gap.before + 1
     until = last if gap.after is None else gap.after - 1

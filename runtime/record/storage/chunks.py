@@ -221,7 +221,7 @@ def indexed(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.nda
     """Return {channel: offsets} of message indices, or None if they do not describe exactly these records.
 
     data : array of bytes
-    places : as of `places_of`
+    places : as in `places_of`
     """
     offsets_of = {channel: found["offset"].astype(np.int64) for channel, found in places.items()}
     if any(np.any(offsets[1:] <= offsets[:-1]) for offsets in offsets_of.values()):

@@ -140,7 +140,7 @@ def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tup
 
 
 def frames_of_format_2(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Decode messages with the frames of one bus drain each. Arguments and result as of frames_of_format_1."""
+    """Decode messages with the frames of one bus drain each. Arguments and result as in frames_of_format_1."""
     heads = gathered(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     at = offsets + MESSAGE.size

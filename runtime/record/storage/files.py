@@ -1,7 +1,7 @@
 """Files of a recording: never overwritten, always ending with a complete piece, and readable by their owner alone.
 
 A recording contains data of a subject. If its folder has the setgid bit and is readable by its group, the group can
-read the recording, too.
+also read the recording.
 """
 
 import errno

@@ -258,7 +258,7 @@ class Names:
     def free(self, text: str, beside: Callable[[str], str] = lambda name: name) -> str:
         """Return an unused name similar to a text, and take it.
 
-        beside : function of the name, whose result must be unused, too, and is taken: fields and nested messages share
+        beside : function of the name, whose result must also be unused, and is taken: fields and nested messages share
             a name space
         """
         name = unique(identifier(text), lambda candidate: bool({candidate, beside(candidate)} & self.taken))

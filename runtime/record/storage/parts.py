@@ -69,7 +69,7 @@ def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader]
         number += 1
         try:
             reader = read(following)
-        except BadInput:  # its recorder, too, was killed before its first tick
+        except BadInput:  # its recorder was also killed before its first tick
             continue
         if reader.about.get("part") != number or not are_of_one_run(readers, reader):
             break  # of another run of the same name
@@ -78,7 +78,7 @@ def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader]
 
 
 def is_unbegun(reader: Reader) -> bool:
-    """Return whether the recorder of a part was killed before it wrote the begin of the run."""
+    """Return whether the recorder of a part was killed before it wrote the start of the run."""
     return not any(event["event"] == "begin" for event in reader.events)
 
 
@@ -166,7 +166,7 @@ class Recording:
         return [reader.path for reader in self.readers]
 
     def check(self, progress: Callable[[float], None] = lambda share: None) -> None:
-        """Check every message. Argument and errors as of Reader.check."""
+        """Check every message. Argument and errors as in Reader.check."""
         for number, reader in enumerate(self.readers):
             reader.check(lambda share, number=number: progress((number + share) / len(self.readers)))
 

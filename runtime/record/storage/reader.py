@@ -143,7 +143,7 @@ class Reader:
         self.contents = contents
 
     def inspected(self, descriptor: int, chunk: Chunk) -> Inspected | None:
-        """Read a chunk and check its messages. Returns None for a damaged one. Errors as of `check`"""
+        """Read a chunk and check its messages. Returns None for a damaged one. Errors as in `check`"""
         try:
             return inspect(self.layout, chunk, load(descriptor, chunk))
         except (OSError, BadInput):

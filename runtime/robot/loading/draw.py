@@ -59,7 +59,7 @@ def draw_file(
 def choose(form: str | None, output: str | None, name: str) -> tuple[str, Path | None]:
     """Return (format, Path or None for standard output). Raises BadInput.
 
-    form, output : as of `draw_file`
+    form, output : as in `draw_file`
     name : of the diagram, from which the name of the file is made
     """
     if output == "-" and form == "png":

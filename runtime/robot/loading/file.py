@@ -52,7 +52,7 @@ def load(
     """Read a diagram file and build its diagram.
 
     path : of the file; or a Diagram, or a function that builds one
-    settings, rig : as of `build`
+    settings, rig : as in `build`
     sha256 : hex digest of the only source that may be run; None for any
 
     Returns (DiagramFile, Diagram). Raises BadInput.
@@ -69,7 +69,7 @@ def source(
     """Return the DiagramFile of a path, of a Diagram, or of a function that builds one. Raises BadInput.
 
     plant : Diagram or function plant(robot, **parameters) instead of the file's own
-    sha256 : as of `load`
+    sha256 : as in `load`
     """
     if not (plant is None or isinstance(plant, Diagram) or callable(plant)):
         raise BadInput(f"plant={plant!r}: expected a Diagram, or a function plant(robot) that returns one")

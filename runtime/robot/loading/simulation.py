@@ -80,7 +80,7 @@ class Simulation:
 def plant_of(
     file: DiagramFile | None, robot: Diagram, seed: int | None = None
 ) -> tuple[Diagram | None, Schedule | None, list[Replaced]]:
-    """Build and compile the plant of a robot. file, seed : as of Simulation
+    """Build and compile the plant of a robot. file, seed : as in Simulation
 
     Returns (Diagram, Schedule, replaced seeds); (None, None, []) for a robot without devices.
     """

@@ -269,7 +269,7 @@ class RigBuses:
         self.streams.close()
 
     def take_over(self, lasts: float, ended: Callable[[], bool]) -> StopReport:
-        """Stop the actuators without the guardian. Arguments as of GuardianProcess.take_over. Returns its report."""
+        """Stop the actuators without the guardian. Arguments as in GuardianProcess.take_over. Returns its report."""
         assert self.guardian is not None
         self.lost = self.descriptors.lost()
         died, problems, stop = self.guardian.take_over(lasts, ended, self.leave_sensors)

@@ -24,7 +24,7 @@ class Opened:
     fd : of the line, which the caller now owns; close : called once nothing reads it any more, or None
     channel : name of the line in messages
     path : where it can be opened again, "" for nowhere; setup : messages sent again after that; record, is_gpio, level,
-        reconnects, proof : as of cext.lines.streams.Streams.add
+        reconnects, proof : as in cext.lines.streams.Streams.add
     remarks : lines for the operator before the run; settings : {name: text} of what was read back
     """
 

@@ -119,7 +119,7 @@ class Poses:
         return float(values[self.schedule.signals[Signal(block, name).path].slot])
 
     def _reason(self, block, values, first):
-        """Return why a joint is not armed, "" if it is. Arguments as of `look`."""
+        """Return why a joint is not armed, "" if it is. Arguments as in `look`."""
         shift = 0.0 if first and getattr(block, "zero_at_arming", False) else getattr(block, "shift", 0.0)
         return _refusal(block, self._value(block, "position", values), self._evidence(block, values), shift)
 
@@ -153,7 +153,7 @@ def _refusal(block, position, evidence, shift):
     reads, decided = f"{path} reads {position:.3f} rad", False
     for source, angle, tolerance in evidence:
         decided = True
-        if not abs(position - angle) <= tolerance:  # NaN of a reference, too
+        if not abs(position - angle) <= tolerance:  # also NaN of a reference
             turns = _turns_text(block, position, angle, tolerance)
             return f"{reads}, but {source} is {angle:.3f} ± {tolerance:.3g} rad{turns}"
     lowest, highest = _bounds(block)
@@ -171,7 +171,7 @@ def _refusal(block, position, evidence, shift):
         lie = "lies" if len(others) == 1 else "lie"
         return (
             f"{reads}; a power cycle can shift it by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
-            f"{_angles_text(others)} {lie} in its range {bounds}, too: "
+            f"{_angles_text(others)} also {lie} in its range {bounds}: "
             "hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state "
             f"its position: --pose {path}=ANGLE"
         )

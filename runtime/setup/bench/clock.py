@@ -69,7 +69,7 @@ double run(long period, long ticks, double *late, double *unused)
 class Kept:
     """Samples of one contender at one rate, pooled over its chunks.
 
-    lateness, period : counts, as of cext.clock.histogram.counts_of
+    lateness, period : counts, as in cext.clock.histogram.counts_of
     ticks, missed : grid points
     each : s, the 99th percentile of the lateness of every chunk
     """
@@ -128,7 +128,7 @@ def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder
     rate : Hz
     seconds : duration
     python_blocks : number of Python blocks
-    realtime : as of `--realtime`
+    realtime : as in `--realtime`
     folder : of the recording
     """
     made = diagram(rate, python_blocks)
@@ -181,7 +181,7 @@ def measure(
     rates : Hz
     seconds : duration of a chunk
     repeats : chunks of each contender and rate
-    realtime : as of `--realtime`
+    realtime : as in `--realtime`
     load : whether every processor is kept busy by another process
     busy_thread : whether a Python thread of this process is kept busy
     """

@@ -1,4 +1,4 @@
-"""Processor time of the recorder per tick: 36 signals and 4 frames on one bus, as of diagrams/knee_exo.py."""
+"""Processor time of the recorder per tick: 36 signals and 4 frames on one bus, as in diagrams/knee_exo.py."""
 
 import math
 import os

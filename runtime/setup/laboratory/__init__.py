@@ -72,6 +72,6 @@ def create(folder: Path, drive: bool = False) -> list[Path]:
 
 
 def text(template: str, name: str, drive: bool) -> str:
-    """Return the text of a file. template : its name without `.in`; name, drive : as of `create`"""
+    """Return the text of a file. template : its name without `.in`; name, drive : as in `create`"""
     lines = (TEMPLATES / f"{template}.in").read_text().replace(NAME, name).splitlines()
     return "".join(f"{line.removesuffix(DRIVE_ONLY)}\n" for line in lines if drive or not line.endswith(DRIVE_ONLY))

@@ -29,7 +29,7 @@ SETTLING = 2.5  # s after arming before replies are counted: enable frames may s
 class Simulated:
     """Steps on an in-memory bus with a bitrate, in virtual time.
 
-    make, upper : as of runtime.setup.bench.rate.robot.robot; bitrate in bit/s; seconds : of each step
+    make, upper : as in runtime.setup.bench.rate.robot.robot; bitrate in bit/s; seconds : of each step
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class OnRig:
 
     rig : RigFile with one bus
     confirmed : whether to arm without confirmation by the operator
-    say : as of runtime.session.session.Session
+    say : as in runtime.session.session.Session
     """
 
     def __init__(

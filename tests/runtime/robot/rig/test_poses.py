@@ -46,7 +46,7 @@ def test_a_reading_in_range_is_ambiguous_if_one_motor_turn_further_is_also_in_ra
     why = look(0.52)
     assert why.startswith(
         "knee reads 0.520 rad; a power cycle can shift it by 0.698 rad (40°), and 1.218 and "
-        "1.916 rad lie in its range -0.1 to 2 rad, too: "
+        "1.916 rad also lie in its range -0.1 to 2 rad: "
     )
     assert "known_pose = [ANGLE, TOLERANCE]" in why and "--pose knee=ANGLE" in why
 

@@ -145,7 +145,7 @@ IN_DOUBT = '[device."left/knee"]\nrange = [-0.1, 2.0]\nwake_shift = 0.6981\n'
 
 @pytest.mark.hazard("H5b")
 def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, terminal):
-    """Its drive reads 0.1 rad, and 0.80 and 1.50 rad lie in its range, too."""
+    """Its drive reads 0.1 rad, and 0.80 and 1.50 rad also lie in its range."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
     robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
     run = finished(
