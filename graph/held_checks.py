@@ -57,20 +57,35 @@ class HeldPaths:
         self, compilation: Compilation, followers: dict[Signal, list[tuple[Block, str]]], condition: Signal
     ) -> None:
         self.compilation, self.followers, self.condition = compilation, followers, condition
+        self.onward: dict[Signal, tuple[list[tuple[Block, str]], list[Signal]]] = {}
         self.certain = {condition: Interval.point(0.0)}  # Intervals of signals while it is false
 
     def commands(self, start: Signal) -> Iterator[tuple[Block, str]]:
         """Yield (actuator, input) of each command that a held output determines, alone or with others."""
         waiting, seen = deque([start]), {start}
         while waiting:
-            for block, name in self.followers.get(waiting.popleft(), ()):
-                if isinstance(block, Actuator):
-                    yield block, name
-                if isinstance(block, Device) or self.condition in block.conditions:
-                    continue
-                onward = {Signal(block, output) for output in block.outputs if self.passes(block, name, output)} - seen
-                seen |= onward
-                waiting.extend(onward)
+            signal = waiting.popleft()
+            if signal not in self.onward:
+                self.onward[signal] = self.step(signal)
+            commands, others = self.onward[signal]
+            yield from commands
+            waiting.extend(other for other in others if other not in seen)
+            seen.update(others)
+
+    def step(self, signal: Signal) -> tuple[list[tuple[Block, str]], list[Signal]]:
+        """Return (commands that a signal is connected to, outputs of other blocks that it determines)."""
+        readers = self.followers.get(signal, ())
+        others = [
+            Signal(block, output)
+            for block, name in readers
+            for output in block.outputs
+            if not self.rests(block) and self.passes(block, name, output)
+        ]
+        return [(block, name) for block, name in readers if isinstance(block, Actuator)], others
+
+    def rests(self, block: Block) -> bool:
+        """Return whether a block passes nothing on while the condition is false."""
+        return isinstance(block, Device) or self.condition in block.conditions
 
     def passes(self, block: Block, name: str, output: str) -> bool:
         """Return whether an input determines an output, alone or as a part of it: not as a condition or a position."""
@@ -97,7 +112,7 @@ class HeldPaths:
         block = source.block
         if source not in self.certain:
             self.certain[source] = EVERYTHING  # also within a loop
-            if depth and not isinstance(block, Device) and self.condition not in block.conditions:
+            if depth and not self.rests(block):
                 inputs = {name: self.known(self.compilation.sources[block, name], depth - 1) for name in block.inputs}
                 made = self.made(block, source.port, inputs)
                 self.certain[source] = EVERYTHING if made is None else made
