@@ -14,11 +14,19 @@ BAD_INPUT = 2
 def main() -> None:
     """Run the command line, and end the process with its exit code."""
     problem = shadowed_runtime()
+    if problem is None:
+        try:
+            from runtime.__main__ import main as command_line
+        except (EOFError, ValueError, TypeError, ImportError) as error:
+            sys.pycache_prefix = os.devnull  # ignore all caches
+            from runtime.host.installation_check import damaged_cache
+
+            problem = damaged_cache(error)
+            if problem is None:
+                raise
     if problem is not None:
         print("tickwork: " + problem, file=sys.stderr)
         sys.exit(BAD_INPUT)
-    from runtime.__main__ import main as command_line
-
     command_line()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of the working folder can shadow it
 import os
+import sys
 from contextlib import suppress
 
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
@@ -26,7 +27,10 @@ else:
 
 
 class _WholeImports:
-    """Delays Ctrl-C until imports are complete: within one, an exception may become another, or leave half a module."""
+    """Delays Ctrl-C until imports are complete: within one, an exception may become another, or leave half a module.
+
+    An import that fails at a damaged bytecode cache raises an ImportError that names it.
+    """
 
     def __enter__(self) -> None:
         self.interrupted = self.delays = False
@@ -35,11 +39,19 @@ class _WholeImports:
                 _signal.signal(_signal.SIGINT, self.note)
                 self.delays = True
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if self.delays:
             _signal.signal(_signal.SIGINT, _signal.default_int_handler)
         if self.interrupted:
             raise KeyboardInterrupt
+        if isinstance(error, (EOFError, ValueError, TypeError, ImportError)):
+            sys.pycache_prefix, prefix = os.devnull, sys.pycache_prefix  # the next import ignores all caches
+            from runtime.host.installation_check import damaged_cache
+
+            sys.pycache_prefix = prefix
+            damaged = damaged_cache(error)
+            if damaged is not None:
+                raise ImportError(damaged) from None
 
     def note(self, number: int, frame: object) -> None:
         """Note that a signal has come."""

@@ -43,12 +43,16 @@ def _start(folder: "str | None") -> int:
     if problem is None:
         try:
             from runtime.cli.main import main as command_line
+
+            return command_line(folder=folder)
         except ImportError as error:
             problem = installation_check.explain(error)
-    if problem is not None:
-        print(f"tickwork: {problem}", file=sys.stderr)
-        return installation_check.BAD_INPUT
-    return command_line(folder=folder)
+        except (EOFError, ValueError, TypeError) as error:
+            problem = installation_check.damaged_cache(error)
+            if problem is None:
+                raise
+    print(f"tickwork: {problem}", file=sys.stderr)
+    return installation_check.BAD_INPUT
 
 
 def occupy_standard_streams() -> None:

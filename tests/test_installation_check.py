@@ -3,8 +3,11 @@
 import ast
 import os
 import shutil
+import subprocess
 import sys
+from importlib import import_module
 from importlib.metadata import files
+from pathlib import Path
 
 import pytest
 
@@ -278,3 +281,71 @@ def test_a_distribution_that_has_replaced_a_package_is_named(tmp_path):
     process = python(*RUN, "check", "knee.py", cwd=tmp_path, path=site)
     assert_one_line(process, "the package graph has replaced files of Tickwork's `graph`")
     assert "run `pip uninstall graph`, then" in process.stderr
+
+
+def damage(cache, data, changed):
+    """Write other content into a cache of a module's bytecode."""
+    cache.write_bytes({"cut": data[:-50], "a header": data[:16], "zeros": data[:16] + bytes(len(data) - 16)}[changed])
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory):
+    """A folder with the caches of all modules of a run."""
+    folder = tmp_path_factory.mktemp("caches")
+    (folder / "wave.py").write_text("import shared\n" + WAVE)
+    (folder / "shared.py").write_text("GAIN = 2.0\n")
+    process = cached(folder, "tickwork", "wave.py", "--fast", "--duration", "0.1")
+    assert process.returncode == 0, process.stderr
+    return folder
+
+
+def cached(folder, *words):
+    """Run a command of the environment, or a Python with -c, with the caches of a folder."""
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    program, *arguments = words
+    return subprocess.run(
+        [str(Path(sys.executable).with_name(program)), *arguments], cwd=folder, capture_output=True, text=True,
+        env=variables | {"PYTHONPYCACHEPREFIX": str(folder / "caches"), "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", ["cut", "a header", "zeros"])
+@pytest.mark.parametrize(
+    "module",
+    ["runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runtime/cli/run", "runtime/session/session"]
+    + ["graph/schedule", "graph/diagram", "shared"],
+)
+def test_a_damaged_bytecode_cache_is_named_with_its_remedy(module, changed, warm):
+    root = warm if module == "shared" else ROOT
+    [cache] = (warm / "caches" / root.relative_to("/")).glob(f"{module}.cpython*.pyc")
+    data = cache.read_bytes()
+    damage(cache, data, changed)
+    try:
+        process = cached(warm, "tickwork", "wave.py", "--fast", "--duration", "0.1")
+    finally:
+        cache.write_bytes(data)
+    assert process.returncode == 2 and "Traceback" not in process.stderr
+    place = os.path.relpath(cache, warm) if module == "shared" else str(cache)
+    assert f"the bytecode cache {place} is damaged" in process.stderr
+    assert f"run `rm -r {os.path.dirname(place)}`" in process.stderr
+
+
+def test_a_damaged_bytecode_cache_of_an_import_in_python_is_named(warm):
+    code = "import runtime; runtime.run('wave.py', 0.1)"
+    assert cached(warm, "python", "-c", code).returncode == 0
+    [cache] = (warm / "caches" / ROOT.relative_to("/")).glob("runtime/session/simulate.cpython*.pyc")
+    data = cache.read_bytes()
+    damage(cache, data, "cut")
+    try:
+        process = cached(warm, "python", "-c", code)
+    finally:
+        cache.write_bytes(data)
+    assert process.stderr.splitlines()[-1].startswith(f"ImportError: the bytecode cache {cache} is damaged")
+
+
+def test_an_error_of_a_module_is_not_one_of_its_cache(lab, monkeypatch):
+    (lab / "broken_module.py").write_text("int('x')\n")
+    monkeypatch.syspath_prepend(str(lab))
+    with pytest.raises(ValueError) as raised:
+        import_module("broken_module")
+    assert installation_check.damaged_cache(raised.value) is None

@@ -54,7 +54,7 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
-UNUSABLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # errors of file names
+UNUSABLE_NAMES = (errno.EACCES, errno.ENAMETOOLONG, errno.ELOOP)  # errors of file names and their folders
 LIMITS = (errno.EAGAIN, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC)
 NAME_LENGTH_SHOWN = 80  # characters of a file name in an error
 MODULES = {"bench": "bench.command"}  # commands whose module has another name

@@ -5,6 +5,7 @@ This file, `runtime/__main__.py`, and `ending.py`, `run_mark.py` and `working_fo
 """
 
 import os
+import shlex
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec
@@ -140,11 +141,37 @@ def _missing(needs=NEEDS):
     )
 
 
+def damaged_cache(error: BaseException) -> "str | None":
+    """Return one line on an import that has failed at a damaged bytecode cache; None for any other exception.
+
+    A full disk leaves truncated caches, which Python neither rejects nor replaces.
+    """
+    path = getattr(error, "path", None)  # of an ImportError, whose traceback has no frames of the import system
+    trace, place = error.__traceback__, None
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        if code.co_filename.startswith("<frozen importlib") and code.co_name in ("get_code", "_compile_bytecode"):
+            path, place = trace.tb_frame.f_locals.get("bytecode_path"), code.co_name
+        elif place is not None:  # an error of the source
+            return None
+        trace = trace.tb_next
+    if not path or not path.endswith(".pyc") or place == "get_code" and not isinstance(error, EOFError):
+        return None
+    return "the bytecode cache %s is damaged (%s), as after a full disk: run `rm -r %s`; Python creates it again" % (
+        path,
+        str(error) or type(error).__name__,
+        shlex.quote(os.path.dirname(path)),
+    )
+
+
 def explain(error: ImportError) -> str:
     """Return one line on an ImportError of a library or of outdated compiled modules. Raises all others again.
 
     error : ImportError of importing `runtime.cli.main` or a command
     """
+    damaged = damaged_cache(error)
+    if damaged is not None:
+        return damaged
     culprit = (error.name or "").split(".")[0]
     if culprit in ("blocks", "graph", "runtime"):
         others = _others_of(culprit)

@@ -18,6 +18,7 @@ from graph import Actuator, Block, Diagram, Input, Param, Signal
 from graph.declarations import Declaration
 from graph.hints import usual_command
 from graph.names import suggestion
+from runtime.host.installation_check import damaged_cache
 
 ALIASES = {"np": "numpy as np", "pd": "pandas as pd", "plt": "matplotlib.pyplot as plt"}
 DISTRIBUTIONS = {  # {module: distribution} of libraries with another name
@@ -37,6 +38,8 @@ DIAGRAM_METHODS = {
 
 def hint(path: str | os.PathLike[str], error: BaseException) -> str:
     """Return the remedy for an exception of user code, or "". path : of the diagram file"""
+    if damaged := damaged_cache(error):
+        return damaged
     if isinstance(error, ImportError):
         return for_import(path, error)
     if isinstance(error, RecursionError):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import runtime
-from runtime.cli.main import COMMANDS
+from runtime.cli.main import COMMANDS, system_error
 from runtime.cli.run import parse_run
 from runtime.host.console.terminal import program
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
@@ -521,3 +521,7 @@ def test_a_name_that_is_too_long_for_a_file_is_refused_in_a_line(command_line, c
     more = ["y"] if command == "diff" else []
     said = command_line.refused(command, "x" * 300, *more)
     assert "Traceback" not in said and len(said.splitlines()) == 1
+
+
+def test_a_file_in_a_folder_without_permission_is_reported_in_a_line():
+    assert system_error(PermissionError(13, "Permission denied", "/root/a.mcap")) == "/root/a.mcap: Permission denied"
