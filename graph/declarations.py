@@ -362,7 +362,10 @@ class Param(Declaration, Generic[T]):
                 (self.below is not None and value >= self.below, f"below {self.below}"),
             ):
                 if broken:
-                    raise ValueError(f"must be {words}{unit}, got {value}")
+                    degrees = (
+                        f': if it is in degrees, write "{value:g} deg"' if self.unit == "rad" and abs(value) > 7 else ""
+                    )
+                    raise ValueError(f"must be {words}{unit}, got {value}{degrees}")
         if self.choices is not None and value not in self.choices:
             raise ValueError(f"must be one of {', '.join(map(text_of, self.choices))}, got {repr_of(value)}")
         return value

@@ -27,7 +27,7 @@ def check_names(compilation: Compilation) -> None:
         first = compilation.diagram[wanted]
         compilation.report(
             "TW009",
-            f"the name is already used by the block made at {first.location}",
+            f"the name {wanted!r} is already used by the block made at {first.location}",
             block,
             hint="choose a different `name=`",
         )

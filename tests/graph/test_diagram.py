@@ -122,7 +122,7 @@ def test_a_name_given_twice_names_both_lines():
     found = complaints(diagram)
     assert [(d.code, d.where) for d in found] == [("TW009", second), ("TW009", third)]
     assert (
-        found[0].message == f"the name is already used by the block made at {first}"
+        found[0].message == f"the name 'same' is already used by the block made at {first}"
         and found[0].hint == "choose a different `name=`"
     )
 

@@ -220,3 +220,10 @@ def test_a_file_that_does_not_exist_is_reported_at_the_blocks_line():
     assert (found.code, found.where) == ("TW010", at) and found.message == (
         "cannot read no_such_file.csv: No such file or directory"
     )
+
+
+def test_an_angle_that_may_be_in_degrees_is_answered_with_its_unit():
+    with pytest.raises(ValueError, match=r'must be at most 3\.0 rad, got 45\.0: if it is in degrees, write "45 deg"$'):
+        Param(0.0, "rad", max=3.0).check(45)
+    with pytest.raises(ValueError, match=r"must be at most 3\.0 rad, got 4\.0$"):
+        Param(0.0, "rad", max=3.0).check(4)
