@@ -145,13 +145,16 @@ def test_stop_repeats_until_both_drives_acknowledge_it(robot):
     robot.wires[0].receive, robot.wires[1].receive = list, lambda: answers
     for _ in range(2):
         robot.guardian.carry()  # one answer each time
+    stop.step(stop.due)  # replies to one round alone are not enough
+    for _ in range(2):
+        robot.guardian.carry()
     robot.wires[1].receive = list
     for _ in range(2):
         assert not stop.over
         stop.step(stop.due)
     assert stop.over
     # the loop hears them, too
-    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, answers[0][1])] * 2
+    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, answers[0][1])] * 4
 
 
 def test_frames_queued_before_stop_reach_loop_before_stop_replies(robot):
