@@ -343,6 +343,20 @@ def test_a_damaged_bytecode_cache_of_an_import_in_python_is_named(warm):
     assert process.stderr.splitlines()[-1].startswith(f"ImportError: the bytecode cache {cache} is damaged")
 
 
+def test_a_damaged_bytecode_cache_of_a_child_process_is_named(warm):
+    run = ("tickwork", "wave.py", "--duration", "0.1")
+    assert cached(warm, *run).returncode == 0
+    [cache] = (warm / "caches" / ROOT.relative_to("/")).glob("runtime/record/recorder/process.cpython*.pyc")
+    data = cache.read_bytes()
+    damage(cache, data, "cut")
+    try:
+        process = cached(warm, *run)
+    finally:
+        cache.write_bytes(data)
+    assert process.returncode == 2 and "Traceback" not in process.stderr
+    assert f"the bytecode cache {cache} is damaged" in process.stderr
+
+
 def test_an_error_of_a_module_is_not_one_of_its_cache(lab, monkeypatch):
     (lab / "broken_module.py").write_text("int('x')\n")
     monkeypatch.syspath_prepend(str(lab))

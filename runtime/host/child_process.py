@@ -22,7 +22,15 @@ module, root, numbers, path = sys.argv[1], sys.argv[2], sys.argv[3].split(","), 
 sys.path[:] = [root, *path]
 import cext, runtime
 sys.path[:] = path
-import_module(module).main(*map(int, numbers))
+try:
+    main = import_module(module).main
+except Exception as error:
+    from runtime.host.installation_check import damaged_cache
+    problem = damaged_cache(error)
+    if problem is None:
+        raise
+    sys.exit("tickwork: " + problem)
+main(*map(int, numbers))
 os._exit(0)  # the interpreter's own ending takes time that the parent waits for
 """
 
