@@ -9,7 +9,7 @@ from cext.user_text import TEXT_LIMIT, last_lines, name_and_text, text_of
 from runtime.record.recorder.report import reason
 from tests.runtime.runs import finished, line_of, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 ROBOT = '''
 import time

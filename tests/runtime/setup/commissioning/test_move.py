@@ -11,7 +11,7 @@ from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
 from tests.runtime.setup.commissioning.nodes import Mit, Nodes, Private, Servo
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 STEP = 36.0 / 4095  # N·m, a code of torque
