@@ -76,7 +76,7 @@ cdef class StopConfirmation:
         self.seen, self.source, self.gap = 0, -1, 0
         self.restless = False
         self.rounds += 1
-        if self.window > 0:
+        if self.window > 0 and not self.confirmed:                 # then a run that waits sends in every round
             self.phase, self.until = WAITING, now + self.window
 
     cdef bint is_at_rest(self, const Frame *frame) noexcept nogil:

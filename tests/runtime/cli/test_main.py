@@ -524,4 +524,4 @@ def test_a_name_that_is_too_long_for_a_file_is_refused_in_a_line(command_line, c
 
 
 def test_a_file_in_a_folder_without_permission_is_reported_in_a_line():
-    assert system_error(PermissionError(13, "Permission denied", "/root/a.mcap")) == "/root/a.mcap: Permission denied"
+    assert system_error(PermissionError(13, "Permission denied", "/srv/a.mcap")) == "/srv/a.mcap: Permission denied"
