@@ -264,9 +264,9 @@ class GuardianProcess(ChildProcess):
             if stop.is_due(now) and not stop.over:
                 if not reported:
                     reported = True
+                    handover.begin()  # before the line: who reads it may start the next run at once
                     print_over_status(goes_on_in_words(stop.waiting))
                     leave()
-                    handover.begin()
                 elif ended():
                     break
                 for line in handover.step(stop, self._close_wire):
