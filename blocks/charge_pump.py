@@ -36,7 +36,7 @@ class ChargePump(GpioLine, StreamDevice):
     With `pin` the output is a GPIO line. With `port` or `serial` a microcontroller receives one message per tick and
     toggles its pin for each. The rig file selects one of them. The user provides the circuit: a retriggerable
     monostable or a missing-pulse detector that opens the relay `hold` seconds after the last edge, at either level.
-    docs/reference/rigs.md describes the requirements of the circuit and the sketch of the microcontroller.
+    docs/reference/emergency_stop.md describes the requirements of the circuit and the sketch of the microcontroller.
     """
 
     protects = Param(

@@ -1,6 +1,7 @@
-"""All thresholds of the safety functions, each below its unit and meaning. docs/reference/rigs.md shows them as a table.
+"""All thresholds of the safety functions, each below its unit and meaning.
 
-The loop, the watchdog, the guardian and the recorder use these names and have no values of their own.
+docs/reference/safe_stop.md shows them as a table. The loop, the watchdog, the guardian and the recorder use these names
+and have no values of their own.
 """
 
 cpdef enum:

@@ -238,7 +238,7 @@ TAIL = """## The battery
 
 Write the rig file and run `check` before you order a battery: it prints currents and times without any hardware. For
 the knee exoskeleton of this repository, two AK10-9 with a proved torque of 12 N·m, it prints at most 9.1 A for each
-drive, and 26 W on average in simulated walking with a load of 15 W ([example](../reference/rigs.md#the-rig-file)).
+drive, and 26 W on average in simulated walking with a load of 15 W ([example](../reference/rigs.md#battery)).
 [Currents and energy](energy.md) has a line for each robot.
 
 Blade fuses for cars are rated for 32 V: suitable for a battery of 24 V, not for one of 48 V. The coil of a contactor

@@ -84,11 +84,11 @@ def on_page(name):
 def test_every_page_with_cpp_is_here():
     assert {
         name for name in NAMES if re.search(r"^```(cpp|c\+\+|arduino)", (ROOT / name).read_text(), re.MULTILINE)
-    } == {"docs/reference/rigs.md", "docs/coming_from/ros2_control.md"}
+    } == {"docs/reference/emergency_stop.md", "docs/coming_from/ros2_control.md"}
 
 
 def test_the_button_of_the_page_sends_frames_that_count_until_it_is_pressed(tmp_path):
-    headers = {"WiFi.h": ESP32, "WiFiUdp.h": "", "button.ino": on_page("docs/reference/rigs.md")}
+    headers = {"WiFi.h": ESP32, "WiFiUdp.h": "", "button.ino": on_page("docs/reference/emergency_stop.md")}
     lines = output(tmp_path, PRESSED_LATER, **headers).splitlines()
     for number, line in enumerate(lines, 1):
         address, port, data = line.split()

@@ -26,9 +26,10 @@ ELSEWHERE = ("docs/reference/errors.md", "docs/tutorial/", "docs/coming_from/") 
 DIAGRAM = "from blocks.sources import Sine\nfrom graph import Diagram, stack, subsystem\n"
 INSIDE = (  # samples of these pages are parts of a diagram
     "docs/explanation/wearer.md",
+    "docs/reference/arming.md",
+    "docs/reference/emergency_stop.md",
     "docs/reference/gait.md",
     "docs/reference/networks.md",
-    "docs/reference/rigs.md",
 )
 ROBOT = """
 from blocks.actuators import CubeMars

@@ -36,15 +36,15 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
     ),
     "docs/how_to/notebooks.md": ("docs.test_special_samples.test_a_notebook_runs_a_file_in_real_time",),
     "docs/how_to/optimisation.md": ("docs.test_special_samples.test_the_optimisation_from_python_has_an_optimum",),
+    "docs/reference/emergency_stop.md": (
+        "runtime.robot.rig.test_page.test_sender_of_the_page_reads_as_released_button",
+        "docs.test_special_samples.test_the_signed_sender_of_the_page_is_accepted",
+    ),
     "docs/reference/rate.md": (
         "runtime.robot.emulation.test_gpio_server.test_the_emergency_stop_of_the_page_is_pressed_by_its_program",
     ),
     "docs/reference/recordings.md": (
         "runtime.test_documents.test_examples_of_the_recordings_page_have_the_documented_output",
-    ),
-    "docs/reference/rigs.md": (
-        "runtime.robot.rig.test_page.test_sender_of_the_page_reads_as_released_button",
-        "docs.test_special_samples.test_the_signed_sender_of_the_page_is_accepted",
     ),
     "docs/reference/running.md": ("runtime.test_documents.test_commands_of_the_pages_run",) * 2,
 }
@@ -107,7 +107,7 @@ def test_the_signed_sender_of_the_page_is_accepted(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         line.bind(("127.0.0.1", 0))
         line.settimeout(10.0)
-        script = samples("docs/reference/rigs.md")[1].replace("9871", str(line.getsockname()[1]))
+        script = samples("docs/reference/emergency_stop.md")[1].replace("9871", str(line.getsockname()[1]))
         sender = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path)
         try:
             while len(accepted) < 3:
@@ -242,7 +242,7 @@ def test_the_table_before_arming_is_that_of_the_page(tmp_path):
     finally:
         emulator.terminate()
         emulator.communicate()
-    page = (DOCS / "reference" / "rigs.md").read_text()
+    page = (DOCS / "reference" / "arming.md").read_text()
     shown = shown_after(page[page.index("## Confirmation before arming") :], "enabled before you confirm")
     text = one_line(printed.replace(f"udp_multicast {group}", "socketcan can0"))
     assert "0.500 rad in [0, 0.6]" in text and len(shown) > 8

@@ -218,7 +218,7 @@ def left_over(diagram: Diagram) -> str:
     """Return which drives only the control process and the guardian can stop, as text; "" for none."""
     devices = [block for block in diagram if isinstance(block, Device)]
     alone = unstopped(devices, devices)
-    return f"{nothing_stops(alone)} (control process and guardian): see docs/reference/rigs.md" if alone else ""
+    return f"{nothing_stops(alone)} (control process and guardian): see docs/reference/safe_stop.md" if alone else ""
 
 
 def _note(file: dict[str, str]) -> str:

@@ -67,7 +67,7 @@ def in_words(threshold):
 
 
 def shown():
-    """The table as docs/reference/rigs.md has it."""
+    """The table as docs/reference/safe_stop.md has it."""
     rows = [f"| `{each.name}` | {in_words(each)} | {each.meaning} |" for each in table()]
     return "\n".join(["| threshold | value | |", "|---|--:|---|", *rows]) + "\n"
 
@@ -129,6 +129,6 @@ def test_thresholds_are_defined_only_in_thresholds_module(path):
 
 
 def test_the_documentation_shows_the_table():
-    assert shown() in (ROOT / "docs/reference/rigs.md").read_text(), (
-        f"docs/reference/rigs.md lacks this table:\n{shown()}"
+    assert shown() in (ROOT / "docs/reference/safe_stop.md").read_text(), (
+        f"docs/reference/safe_stop.md lacks this table:\n{shown()}"
     )

@@ -36,7 +36,7 @@ def free_port(family=socket.AF_INET):
 
 
 class Button:
-    """A button that sends its heartbeat every 10 ms, as the sender in docs/reference/rigs.md does."""
+    """A button that sends its heartbeat every 10 ms, as the sender in docs/reference/emergency_stop.md does."""
 
     def __init__(self, port, host="127.0.0.1"):
         self.address, self.counter, self.pressed, self.over = (host, port), 0, False, threading.Event()
