@@ -45,7 +45,7 @@ class Insole(StreamDevice):
     """Pressure insole over UDP or TCP: force F = Σ p A, centre of pressure Σ p A r / F, forces of regions.
 
     Frames come from the vendor's program or a bridge to it. A frame contains the pressures of all cells, row by row
-    from the heel, with a number and a checksum; docs/reference/sensors.md describes its bytes and a bridge for XSENSOR
+    from the heel, with a number and a checksum; docs/reference/inputs.md describes its bytes and a bridge for XSENSOR
     insoles. The centre of pressure is x forward from the end of the heel and y to the wearer's left from the middle; it
     is NaN for a force below `least`. Regions divide the foot across its length, from the heel on.
     """

@@ -22,7 +22,7 @@ class Microcontroller(StreamDevice):
     `format="cobs"`: a counter (one byte), the fields in order, least significant byte first, and CRC-16/CCITT-FALSE of
     both; stuffed by COBS, so a zero byte ends a packet and occurs nowhere else. `format="lines"`: counter and numbers
     as text separated by commas, one line per packet; lines that start with # are comments. Lost packets are detected by
-    the counter, corrupt ones by checksum and length. docs/reference/sensors.md has sketches for the microcontroller,
+    the counter, corrupt ones by checksum and length. docs/reference/inputs.md has sketches for the microcontroller,
     one with a load cell and one with an inertial sensor.
     """
 

@@ -70,5 +70,5 @@ def test_text_of_a_docstring_is_literal_markdown():
 
 
 def test_path_of_a_page_in_a_docstring_becomes_a_link():
-    text = "docs/reference/sensors.md describes its bytes"
-    assert block_pages.markdown(text) == "[docs/reference/sensors.md](../../reference/sensors.md) describes its bytes"
+    text = "docs/reference/inputs.md describes its bytes"
+    assert block_pages.markdown(text) == "[docs/reference/inputs.md](../../reference/inputs.md) describes its bytes"

@@ -150,7 +150,7 @@ class I2cInterface:
             device.learn(read, write)
         except ValueError as error:
             raise Refused(
-                RigProblem("TW129", f"{entry} {self._place_text(device)}: {error}", "see docs/reference/sensors.md")
+                RigProblem("TW129", f"{entry} {self._place_text(device)}: {error}", "see docs/reference/i2c.md")
             ) from None
         check = device.check()
         if check is not None:

@@ -1,4 +1,4 @@
-"""What docs/reference/sensors.md shows is what happens."""
+"""The diagram and the rig of MicroStrain sensors in docs/reference/imus.md run, and its tables are complete."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from runtime.robot.rig.file import parse
 from runtime.robot.rig.overrides import override
 from tests.runtime.runs import ROOT, finished, write
 
-PAGE = (ROOT / "docs" / "reference" / "sensors.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "imus.md").read_text()
 MICROSTRAIN = PAGE[PAGE.index("## MicroStrain") :].split("\n## ")[0]
 
 

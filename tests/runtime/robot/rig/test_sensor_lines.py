@@ -1,4 +1,4 @@
-"""Sensors with lines of their own on a rig: a run reads a pseudo-terminal and a socket; their page is correct."""
+"""Sensors with lines of their own on a rig: a run reads a pseudo-terminal and a socket; their pages are correct."""
 
 import csv
 import os
@@ -21,10 +21,10 @@ from tests.blocks.sensors.test_insole import free_port
 from tests.blocks.sensors.test_microcontroller import packet
 from tests.runtime.runs import ROOT, finished, write
 
-PAGE = (ROOT / "docs" / "reference" / "sensors.md").read_text()
+PAGES = "\n".join((ROOT / "docs" / "reference" / f"{name}.md").read_text() for name in ("imus", "inputs"))
 SECTIONS = {
     section.splitlines()[0]: section
-    for section in re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
+    for section in re.split(r"^## ", PAGES, flags=re.MULTILINE)[1:]
     if re.match(r"OpenIMU|Orientation|A microcontroller|Pressure|Switches|A game", section)
 }
 
@@ -42,14 +42,14 @@ def names_of(section):
 
 
 @pytest.mark.parametrize("title", SECTIONS)
-def test_the_diagrams_of_the_page_compile_and_its_rigs_fit_them(title, tmp_path):
+def test_the_diagrams_of_the_pages_compile_and_its_rigs_fit_them(title, tmp_path):
     diagram = names_of(SECTIONS[title])["diagram"]
     assert isinstance(diagram, Diagram) and compile(diagram).devices
     for text in blocks_of(SECTIONS[title], "toml"):
         override(read(write(tmp_path, text, "lab.toml")), diagram)
 
 
-def test_the_sensors_page_has_six_sections():
+def test_the_pages_have_six_such_sections():
     assert len(SECTIONS) == 6
 
 

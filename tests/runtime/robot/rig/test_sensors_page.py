@@ -1,4 +1,4 @@
-"""docs/reference/sensors.md on I2C: its diagram runs, its rig fits, its scan matches the command, its options exist."""
+"""docs/reference/i2c.md: its diagram runs, its rig fits, its scan matches the command, and its options exist."""
 
 import re
 
@@ -15,7 +15,10 @@ from tests.runtime.robot.rig.wires import Wires, add_mpu
 from tests.runtime.runs import ROOT, write
 from tests.runtime.test_documents import python_of, shown_after
 
-PAGE = (ROOT / "docs" / "reference" / "sensors.md").read_text()
+PAGES = {
+    name: (ROOT / "docs" / "reference" / f"{name}.md").read_text() for name in ("sensors", "imus", "i2c", "inputs")
+}
+PAGE = PAGES["i2c"]
 LEG = next(code for code in python_of(PAGE) if "MPU9250(" in code)
 RIG = next(text for text in re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "i2c" in text)
 
@@ -46,13 +49,13 @@ def test_the_page_shows_the_output_of_scan(command_line, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["calibrate", "scan"])
-def test_help_lists_every_option_of_the_page(command_line, command):
+def test_help_lists_every_option_of_the_pages(command_line, command):
     with pytest.raises(SystemExit):
         command_line(command, "--help")
     told = command_line.capsys.readouterr().out
-    lines = re.findall(rf"python -m runtime {command}(.*)", PAGE)
+    lines = re.findall(rf"python -m runtime {command}(.*)", "".join(PAGES.values()))
     assert lines and all(option in told for line in lines for option in re.findall(r"--[\w-]+", line))
 
 
-def test_error_codes_of_the_page_exist():
-    assert set(re.findall(r"TW\d{3}", PAGE)) <= set(CODES)
+def test_error_codes_of_the_pages_exist():
+    assert set(re.findall(r"TW\d{3}", "".join(PAGES.values()))) <= set(CODES)
