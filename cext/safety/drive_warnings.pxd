@@ -12,8 +12,8 @@ cdef class DriveWarnings:
     cdef void **texts                # EventTemplate, borrowed: WARNING_BITS of each drive
     cdef list news
     cdef uint64_t most
-    cdef SharedLayout *page
+    cdef SharedLayout *layout
 
     cdef void reset(self) noexcept nogil
-    cdef uint64_t share(self, SharedLayout *page)
+    cdef uint64_t share(self, SharedLayout *layout)
     cdef void look(self, double *arena, int64_t tick) noexcept nogil

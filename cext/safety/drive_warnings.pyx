@@ -35,9 +35,9 @@ cdef class DriveWarnings:
     cdef void reset(self) noexcept nogil:
         memset(self.reported, 0, self.count * sizeof(uint32_t))
 
-    cdef uint64_t share(self, SharedLayout *page):
+    cdef uint64_t share(self, SharedLayout *layout):
         """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
-        self.page = page
+        self.layout = layout
         return self.most
 
     cdef void look(self, double *arena, int64_t tick) noexcept nogil:
@@ -53,6 +53,6 @@ cdef class DriveWarnings:
                 continue
             for bit in range(WARNING_BITS):
                 if fresh >> bit & 1:
-                    (<EventTemplate>self.texts[place * WARNING_BITS + bit]).publish(self.page, tick)
+                    (<EventTemplate>self.texts[place * WARNING_BITS + bit]).publish(self.layout, tick)
                     self.reported[place] |= <uint32_t>1 << bit
                     break

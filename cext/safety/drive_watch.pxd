@@ -55,11 +55,11 @@ cdef class DriveWatch:
     cdef int count
     cdef list names, news
     cdef void **templates                 # EventTemplate, borrowed: EVENT_KINDS of each
-    cdef SharedLayout *page
+    cdef SharedLayout *layout
     cdef int failed                  # index of the device, -1
 
     cdef void reset(self) noexcept nogil
-    cdef uint64_t share(self, SharedLayout *page)
+    cdef uint64_t share(self, SharedLayout *layout)
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil
     cdef void place_motion(self, Watched *drive, steps)
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil

@@ -117,9 +117,9 @@ cdef class DriveWatch:
             forget_motion(&drive.motion)
             forget_uncommanded(&drive.motion.uncommanded)
 
-    cdef uint64_t share(self, SharedLayout *page):
+    cdef uint64_t share(self, SharedLayout *layout):
         """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
-        self.page = page
+        self.layout = layout
         return sum(8 + (<EventTemplate>news).size() for news in self.news)
 
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil:
@@ -211,5 +211,5 @@ cdef class DriveWatch:
 
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:
         if drive.ticks[kind] == 0:
-            (<EventTemplate>self.templates[(drive - self.drives) * EVENT_KINDS + kind]).publish(self.page, tick)
+            (<EventTemplate>self.templates[(drive - self.drives) * EVENT_KINDS + kind]).publish(self.layout, tick)
         drive.ticks[kind] += 1

@@ -8,4 +8,4 @@ cdef class EventTemplate:
     cdef size_t length
 
     cdef size_t size(self) noexcept nogil
-    cdef void publish(self, SharedLayout *page, int64_t tick) noexcept nogil
+    cdef void publish(self, SharedLayout *layout, int64_t tick) noexcept nogil

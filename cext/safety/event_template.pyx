@@ -27,18 +27,18 @@ cdef class EventTemplate:
         """Return the bytes of the record in the ring, a multiple of 8."""
         return (self.length + TICK_DIGITS + 1 + 7) // 8 * 8
 
-    cdef void publish(self, SharedLayout *page, int64_t tick) noexcept nogil:
-        """Write the event to the ring, padded with spaces. `page` may be NULL."""
+    cdef void publish(self, SharedLayout *layout, int64_t tick) noexcept nogil:
+        """Write the event to the ring, padded with spaces. `layout` may be NULL."""
         cdef char[TICK_DIGITS + 1] digits
         cdef char *room
-        if page == NULL:
+        if layout == NULL:
             return
-        room = <char *>reserve(page, EVENT, <uint32_t>self.size())
+        room = <char *>reserve(layout, EVENT, <uint32_t>self.size())
         if room == NULL:
-            page.dropped += 1
+            layout.dropped += 1
             return
         memset(room, 32, self.size())
         memcpy(room, self.begin, self.length)
         memcpy(room + self.length, digits, snprintf(digits, sizeof(digits), "%lld", <long long>tick))
         room[self.size() - 1] = 125                             # }
-        commit(page)
+        commit(layout)

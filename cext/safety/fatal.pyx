@@ -31,23 +31,23 @@ cdef const CodeMap *code = NULL
 
 
 cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept nogil:
-    cdef SharedLayout *page = shared if not is_child() else NULL        # a child shares the memory of its parent
+    cdef SharedLayout *layout = shared if not is_child() else NULL        # a child shares the memory of its parent
     cdef int index
     cdef int item
-    if page != NULL:
-        store_i32(&page.fence, FENCED_FOR_GOOD)         # as another process may have done: never back to 1
-        item = page.at if pthread_self() == loop else -1
+    if layout != NULL:
+        store_i32(&layout.fence, FENCED_FOR_GOOD)         # as another process may have done: never back to 1
+        item = layout.at if pthread_self() == loop else -1
         if item >= IN_RUN:
             index = item_of_context(code, context) if code != NULL else -1
             item = index if index >= 0 else item - IN_RUN
-        store_i32(&page.crashed, number)
-        store_i32(&page.hung, 1 + item if item >= 0 else -1)
+        store_i32(&layout.crashed, number)
+        store_i32(&layout.hung, 1 + item if item >= 0 else -1)
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef void take_fatal(SharedLayout *page, const CodeMap *map) noexcept nogil:
+cdef void take_fatal(SharedLayout *layout, const CodeMap *map) noexcept nogil:
     """Raise the fence and report the signal on fatal signals from now on. The calling thread is the loop's.
 
     map : steps of the machine code, or NULL
@@ -56,7 +56,7 @@ cdef void take_fatal(SharedLayout *page, const CodeMap *map) noexcept nogil:
     cdef action install
     cdef stack_t own
     cdef int index
-    shared, loop, code = page, pthread_self(), map
+    shared, loop, code = layout, pthread_self(), map
     memset(&own, 0, sizeof(stack_t))
     own.ss_sp, own.ss_size = room, STACK
     sigaltstack(&own, &stack_before)

@@ -20,53 +20,53 @@ cdef enum:
 cdef class NewestRow:
     """Reader of the newest row.
 
-    page : SharedState of the run
+    shared : SharedState of the run
     columns : number of its recorded signals
 
     values : float64 array (columns,) of the newest row that `look` has found
     """
 
-    cdef SharedState page
+    cdef SharedState shared
     cdef uint64_t cursor
     cdef uint32_t size          # bytes of a row
     cdef readonly object values
     cdef double[:] row
     cdef readonly int64_t tick  # of that row; -1 before the first
 
-    def __init__(self, SharedState page, int columns):
-        self.page, self.size, self.tick = page, 8 * (2 + columns), -1
+    def __init__(self, SharedState shared, int columns):
+        self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1
         row = np.full(2 + columns, np.nan)
         self.row, self.values = row, row[2:]
-        self.cursor = load_u64(&page.layout.tail)
+        self.cursor = load_u64(&shared.layout.tail)
 
     def look(self) -> bool:
         """Read the newest row. Returns whether it is newer than the one before."""
-        cdef SharedLayout *page = self.page.layout
+        cdef SharedLayout *layout = self.shared.layout
         cdef uint64_t head, place, found
         cdef Header header
         cdef bint any, valid
         cdef int attempt
         for attempt in range(ATTEMPTS):
-            place = max(self.cursor, load_u64(&page.tail))
-            head = load_u64(&page.head)
+            place = max(self.cursor, load_u64(&layout.tail))
+            head = load_u64(&layout.head)
             found, any = 0, False
             while place < head:
-                valid = read_header(page, place, head, &header)
+                valid = read_header(layout, place, head, &header)
                 fence_acquire()
-                if load_u64(&page.tail) > place or not valid:
+                if load_u64(&layout.tail) > place or not valid:
                     break                                          # overwritten, perhaps
                 if header.kind == ROW and header.bytes == self.size:
                     found, any = place, True
                 place += sizeof(Header) + header.bytes
             if place < head:
-                self.cursor = load_u64(&page.tail)
+                self.cursor = load_u64(&layout.tail)
                 continue
             self.cursor = place
             if not any:
                 return False
-            memcpy(&self.row[0], <char *>record_at(page, found) + sizeof(Header), self.size)
+            memcpy(&self.row[0], <char *>record_at(layout, found) + sizeof(Header), self.size)
             fence_acquire()
-            if load_u64(&page.tail) <= found:
+            if load_u64(&layout.tail) <= found:
                 self.tick = <int64_t>self.row[0]
                 return True
         return False

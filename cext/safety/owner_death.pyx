@@ -21,19 +21,19 @@ cdef size_t STACK = 64 << 10            # bytes
 cdef class OwnerDeathWatcher:
     """Thread that waits for the death of the mutex's owner. Raises OSError.
 
-    page : SharedState whose mutex another process holds
+    shared : SharedState whose mutex another process holds
     priority : of SCHED_FIFO if granted, 0 for an ordinary thread
 
     fd : eventfd that is readable once the owner has died without releasing the mutex
     """
-    cdef SharedState page
+    cdef SharedState shared
     cdef readonly int fd
     cdef int priority
 
-    def __init__(self, SharedState page, int priority=0):
+    def __init__(self, SharedState shared, int priority=0):
         cdef pthread_t thread
         cdef int failed
-        self.page, self.priority = page, priority
+        self.shared, self.priority = shared, priority
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         # never released: the thread waits in the kernel and cannot be ended
         Py_INCREF(self)
@@ -45,11 +45,11 @@ cdef class OwnerDeathWatcher:
         cdef uint64_t one = 1
         cdef int status
         be_called("tickwork-death", self.priority)
-        status = pthread_mutex_lock(&self.page.layout.hold)
+        status = pthread_mutex_lock(&self.shared.layout.hold)
         if status == EOWNERDEAD:
             write(self.fd, &one, sizeof(one))
         elif status == 0:
-            pthread_mutex_unlock(&self.page.layout.hold)
+            pthread_mutex_unlock(&self.shared.layout.hold)
 
 
 cdef void *enter(void *context) noexcept nogil:

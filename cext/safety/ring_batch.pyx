@@ -125,13 +125,13 @@ cdef class Batch:
             at += sizeof(Header) + header.bytes
 
 
-def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, bytes]]:
+def read(SharedState shared, int64_t rows=1 << 62) -> list[Batch | tuple[int, bytes]]:
     """Return the records of the ring after the last read, up to `rows` rows and about 256 KiB.
 
     The result has batches, and (kind, payload) for each event and change, in order. The space of the records is kept
     until `release` of the shared state.
     """
-    cdef SharedLayout *layout = page.layout
+    cdef SharedLayout *layout = shared.layout
     cdef uint64_t head = load_u64(&layout.head)
     cdef uint64_t place
     cdef Header header
@@ -140,9 +140,9 @@ def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, byte
     cdef Py_ssize_t size = 0, total = 0
     cdef char *out
     cdef Batch batch
-    page.cursor = max(page.cursor, load_u64(&layout.tail))         # another reader has taken records
-    while page.cursor != head and rows > 0 and total < BATCH_SIZE:
-        place, size = page.cursor, 0
+    shared.cursor = max(shared.cursor, load_u64(&layout.tail))         # another reader has taken records
+    while shared.cursor != head and rows > 0 and total < BATCH_SIZE:
+        place, size = shared.cursor, 0
         while place != head and rows > 0 and size < BATCH_SIZE:    # the size of the batch
             if not read_header(layout, place, head, &header):
                 raise damaged(place)
@@ -155,27 +155,27 @@ def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, byte
         if size > 0:
             content = PyBytes_FromStringAndSize(NULL, size)
             out = PyBytes_AS_STRING(content)
-            while page.cursor != place:
-                if not read_header(layout, page.cursor, place, &header) or (header.kind != PADDING and size < <Py_ssize_t>(
+            while shared.cursor != place:
+                if not read_header(layout, shared.cursor, place, &header) or (header.kind != PADDING and size < <Py_ssize_t>(
                         sizeof(Header) + header.bytes)):
-                    raise damaged(page.cursor)
+                    raise damaged(shared.cursor)
                 if header.kind != PADDING:
                     memcpy(out, &header, sizeof(Header))
-                    memcpy(out + sizeof(Header), <char *>record_at(layout, page.cursor) + sizeof(Header), header.bytes)
+                    memcpy(out + sizeof(Header), <char *>record_at(layout, shared.cursor) + sizeof(Header), header.bytes)
                     out += sizeof(Header) + header.bytes
                     size -= sizeof(Header) + header.bytes
                     total += sizeof(Header) + header.bytes
-                page.cursor += sizeof(Header) + header.bytes
+                shared.cursor += sizeof(Header) + header.bytes
             batch = Batch.__new__(Batch)
             batch.fill(content)
             records.append(batch)
             continue
-        page.cursor = place                                        # behind a padding
-        if page.cursor != head:
-            if not read_header(layout, page.cursor, head, &header):
-                raise damaged(page.cursor)
-            records.append((header.kind, (<char *>record_at(layout, page.cursor) + sizeof(Header))[:header.bytes]))
-            page.cursor += sizeof(Header) + header.bytes
+        shared.cursor = place                                        # behind a padding
+        if shared.cursor != head:
+            if not read_header(layout, shared.cursor, head, &header):
+                raise damaged(shared.cursor)
+            records.append((header.kind, (<char *>record_at(layout, shared.cursor) + sizeof(Header))[:header.bytes]))
+            shared.cursor += sizeof(Header) + header.bytes
             total += sizeof(Header) + header.bytes
     return records
 

@@ -13,7 +13,7 @@ from cext.safety.shared_state cimport (
 )
 
 
-def take(SharedState page, int columns):
+def take(SharedState shared, int columns):
     """Take all records out of the ring.
 
     columns : number of recorded signals
@@ -25,9 +25,9 @@ def take(SharedState page, int columns):
     before : int64 array (m,) of the number of these rows before each frame
     others : [(kind, payload in bytes)] of the events and changes
     """
-    cdef SharedLayout *layout = page.layout
+    cdef SharedLayout *layout = shared.layout
     cdef uint64_t head = load_u64(&layout.head)
-    cdef uint64_t place = page.cursor
+    cdef uint64_t place = shared.cursor
     cdef int64_t row_count = 0
     cdef int64_t sent_count = 0
     cdef Header header
@@ -49,7 +49,7 @@ def take(SharedState page, int columns):
     before_out = <int64_t *><uintptr_t>before.ctypes.data
     row_count = sent_count = 0
     others = []
-    place = page.cursor
+    place = shared.cursor
     while place != head:
         if not read_header(layout, place, head, &header):
             raise damaged(place)
@@ -71,6 +71,6 @@ def take(SharedState page, int columns):
         elif header.kind != PADDING and header.kind != RECEIVED:
             others.append((header.kind, payload[:header.bytes]))
         place += sizeof(Header) + header.bytes
-    page.cursor = place
+    shared.cursor = place
     store_u64(&layout.tail, place)
     return rows, sent[:sent_count], before[:sent_count], others

@@ -113,65 +113,65 @@ cdef struct Shown:              # a live parameter, after the ring; the JSON fol
     double value                # in the newest tick
     double target               # of its ramp
 
-cdef inline Own *own(const SharedLayout *page) noexcept nogil:
-    return <Own *>(<char *>page - sizeof(Own))
+cdef inline Own *own(const SharedLayout *layout) noexcept nogil:
+    return <Own *>(<char *>layout - sizeof(Own))
 
-cdef inline char *ring(SharedLayout *page) noexcept nogil:
-    return <char *>page + sizeof(SharedLayout)
+cdef inline char *ring(SharedLayout *layout) noexcept nogil:
+    return <char *>layout + sizeof(SharedLayout)
 
-cdef inline uint64_t offset_of(SharedLayout *page, uint64_t place) noexcept nogil:
+cdef inline uint64_t offset_of(SharedLayout *layout, uint64_t place) noexcept nogil:
     """Return the offset in the ring of a head, tail or cursor: with space for a header, whatever the place."""
-    return place & (own(page).capacity - 1) & ~<uint64_t>7
+    return place & (own(layout).capacity - 1) & ~<uint64_t>7
 
-cdef inline Header *record_at(SharedLayout *page, uint64_t place) noexcept nogil:
+cdef inline Header *record_at(SharedLayout *layout, uint64_t place) noexcept nogil:
     """Return the record of the ring at a head, tail or cursor."""
-    return <Header *>(ring(page) + offset_of(page, place))
+    return <Header *>(ring(layout) + offset_of(layout, place))
 
-cdef inline bint read_header(SharedLayout *page, uint64_t place, uint64_t head, Header *copy) noexcept nogil:
+cdef inline bint read_header(SharedLayout *layout, uint64_t place, uint64_t head, Header *copy) noexcept nogil:
     """Copy the header of a record. Returns whether the record lies between `place` and `head`, and in the ring."""
     cdef uint64_t size
-    copy[0] = record_at(page, place)[0]
+    copy[0] = record_at(layout, place)[0]
     size = sizeof(Header) + <uint64_t>copy.bytes
-    return place % 8 == 0 and size % 8 == 0 and size <= head - place <= own(page).capacity and (
-        offset_of(page, place) + size <= own(page).capacity)
+    return place % 8 == 0 and size % 8 == 0 and size <= head - place <= own(layout).capacity and (
+        offset_of(layout, place) + size <= own(layout).capacity)
 
-cdef inline Shown *shown(SharedLayout *page) noexcept nogil:
-    return <Shown *>(ring(page) + own(page).capacity)
+cdef inline Shown *shown(SharedLayout *layout) noexcept nogil:
+    return <Shown *>(ring(layout) + own(layout).capacity)
 
-cdef inline void set_out(SharedLayout *page, int device, bint out) noexcept nogil:
+cdef inline void set_out(SharedLayout *layout, int device, bint out) noexcept nogil:
     """Show whether a drive is taken out. device : number in the schedule, below DEVICE_LIMIT"""
-    cdef uint64_t *word = &page.out[device >> 6]
+    cdef uint64_t *word = &layout.out[device >> 6]
     cdef uint64_t bit = <uint64_t>1 << (device & 63)
     if (word[0] & bit != 0) != out:
         store_u64(word, word[0] ^ bit)
 
-cdef inline void *reserve(SharedLayout *page, uint32_t kind, uint32_t size) noexcept nogil:
+cdef inline void *reserve(SharedLayout *layout, uint32_t kind, uint32_t size) noexcept nogil:
     """Return space for one record, NULL if the ring is full.
 
     size : a multiple of 8. Nothing is visible before `commit`.
     """
-    cdef Own *mine = own(page)
-    cdef uint64_t used = mine.head - load_u64(&page.tail)
-    cdef uint64_t to_end = mine.capacity - offset_of(page, mine.head)
+    cdef Own *mine = own(layout)
+    cdef uint64_t used = mine.head - load_u64(&layout.tail)
+    cdef uint64_t to_end = mine.capacity - offset_of(layout, mine.head)
     cdef uint64_t need = sizeof(Header) + <uint64_t>size
     cdef Header *header
     if used > mine.capacity or need + (to_end if need > to_end else 0) > mine.capacity - used:
         return NULL
     if need > to_end:                       # a record never wraps: pad to the end and start over
-        header = record_at(page, mine.head)
+        header = record_at(layout, mine.head)
         header.kind = PADDING
         header.bytes = <uint32_t>(to_end - sizeof(Header))
         mine.head += to_end
-        store_u64(&page.head, mine.head)
-    header = record_at(page, mine.head)
+        store_u64(&layout.head, mine.head)
+    header = record_at(layout, mine.head)
     header.kind = kind
     header.bytes = size
     mine.reserved = need
     return <char *>header + sizeof(Header)
 
-cdef inline void commit(SharedLayout *page) noexcept nogil:
-    own(page).head += own(page).reserved
-    store_u64(&page.head, own(page).head)
+cdef inline void commit(SharedLayout *layout) noexcept nogil:
+    own(layout).head += own(layout).reserved
+    store_u64(&layout.head, own(layout).head)
 
 cdef object damaged(uint64_t place)
 

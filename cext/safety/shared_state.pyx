@@ -143,18 +143,18 @@ cdef class SharedState:
 
     def drain(self, int most=4096) -> list[tuple[int, bytes]]:
         """Take up to `most` records out of the ring. Returns a list of (kind, payload in bytes)."""
-        cdef SharedLayout *page = self.layout
-        cdef uint64_t head = load_u64(&page.head)
+        cdef SharedLayout *layout = self.layout
+        cdef uint64_t head = load_u64(&layout.head)
         cdef Header header
         cdef list records = []
-        self.cursor = max(self.cursor, load_u64(&page.tail))       # another reader has taken records
+        self.cursor = max(self.cursor, load_u64(&layout.tail))       # another reader has taken records
         while self.cursor != head and len(records) < most:
-            if not read_header(page, self.cursor, head, &header):
+            if not read_header(layout, self.cursor, head, &header):
                 raise damaged(self.cursor)
             if header.kind != PADDING:
-                records.append((header.kind, (<char *>record_at(page, self.cursor) + sizeof(Header))[:header.bytes]))
+                records.append((header.kind, (<char *>record_at(layout, self.cursor) + sizeof(Header))[:header.bytes]))
             self.cursor += sizeof(Header) + header.bytes
-            store_u64(&page.tail, self.cursor)
+            store_u64(&layout.tail, self.cursor)
         return records
 
     def release(self) -> None:
@@ -293,29 +293,29 @@ cdef class SharedState:
         gil         waits for the GIL, in real time
         bus         receiving and sending, in real time
         """
-        cdef SharedLayout *page = self.layout
+        cdef SharedLayout *layout = self.layout
         return {
-            "ticks": load_i64(&page.ticks),
-            "last_tick": load_i64(&page.tick),
-            "missed": load_i64(&page.missed),
-            "dropped": load_i64(&page.dropped),
+            "ticks": load_i64(&layout.ticks),
+            "last_tick": load_i64(&layout.tick),
+            "missed": load_i64(&layout.missed),
+            "dropped": load_i64(&layout.dropped),
             "frames": {
-                "received": load_i64(&page.frames_received),
-                "sent": load_i64(&page.frames_sent),
-                "foreign": load_i64(&page.frames_foreign),
-                "malformed": load_i64(&page.frames_malformed),
+                "received": load_i64(&layout.frames_received),
+                "sent": load_i64(&layout.frames_sent),
+                "foreign": load_i64(&layout.frames_foreign),
+                "malformed": load_i64(&layout.frames_malformed),
             },
-            "waited_for_recorder": load_i64(&page.waited) * 1e-9,
-            "busy": load_i64(&page.execution.total) * 1e-9,
-            "gil_taken": load_i64(&page.gil_taken),
-            "sleeps": load_i64(&page.sleeps),
-            "spins": load_i64(&page.spins),
-            "caught_up": load_i64(&page.caught_up),
-            "lateness": summary(&page.lateness),
-            "period": summary(&page.period),
-            "execution": summary(&page.execution),
-            "gil": summary(&page.gil),
-            "bus": summary(&page.bus),
+            "waited_for_recorder": load_i64(&layout.waited) * 1e-9,
+            "busy": load_i64(&layout.execution.total) * 1e-9,
+            "gil_taken": load_i64(&layout.gil_taken),
+            "sleeps": load_i64(&layout.sleeps),
+            "spins": load_i64(&layout.spins),
+            "caught_up": load_i64(&layout.caught_up),
+            "lateness": summary(&layout.lateness),
+            "period": summary(&layout.period),
+            "execution": summary(&layout.execution),
+            "gil": summary(&layout.gil),
+            "bus": summary(&layout.bus),
         }
 
     def counts(self, str name) -> np.ndarray:

@@ -95,7 +95,7 @@ cdef void *enter(void *context) noexcept nogil:
 cdef class KeyReader:
     """Thread that reads the keys of a terminal until `stop`.
 
-    page : SharedState
+    shared : SharedState
     file : descriptor of the terminal, which does not block
     processors : of the thread; those of the calling thread if empty
 
@@ -103,7 +103,7 @@ cdef class KeyReader:
     before has then requested the stop. Raises OSError.
     """
 
-    cdef SharedState page
+    cdef SharedState shared
     cdef SharedLayout *layout
     cdef int file
     cdef int priority                   # of SCHED_FIFO, 0 for an ordinary thread
@@ -117,14 +117,14 @@ cdef class KeyReader:
     cdef uint32_t question
     cdef bint reported
 
-    def __init__(self, SharedState page, int file, processors=()):
+    def __init__(self, SharedState shared, int file, processors=()):
         cdef sched_param parameters
         cdef int64_t until
         cdef int failed
         CPU_ZERO(&self.processors)
         for number in processors:
             CPU_SET(number, &self.processors)
-        self.page, self.layout, self.file = page, page.layout, file
+        self.shared, self.layout, self.file = shared, shared.layout, file
         if sched_getscheduler(0) & ~SCHED_RESET_ON_FORK == SCHED_FIFO and sched_getparam(0, &parameters) == 0:
             self.priority = parameters.sched_priority + 1
         self.since = monotonic()
@@ -265,12 +265,12 @@ cdef class KeyReader:
 
 
 cdef class KeyQueue:
-    """The recorder's end: keys that the control process has read. page : SharedState"""
+    """The recorder's end: keys that the control process has read. shared : SharedState"""
 
-    cdef SharedState page
+    cdef SharedState shared
 
-    def __init__(self, SharedState page):
-        self.page = page
+    def __init__(self, SharedState shared):
+        self.shared = shared
 
     def take(self) -> list[tuple[int, int, int, int]]:
         """Return the bytes since the last call: (byte, ns after which it was pressed, ns when it was read, number of the
@@ -278,11 +278,11 @@ cdef class KeyQueue:
         """
         cdef Key key
         taken = []
-        while len(taken) < KEYS and get_key(&self.page.layout.keys, &key):
+        while len(taken) < KEYS and get_key(&self.shared.layout.keys, &key):
             taken.append((key.byte & 0xFF, key.since, key.read, key.question))
         return taken
 
     @property
     def listening(self) -> bool:
         """Whether the control process reads the terminal: the run is in the foreground."""
-        return load_i32(&self.page.layout.keys.listening) != 0
+        return load_i32(&self.shared.layout.keys.listening) != 0

@@ -7,7 +7,7 @@ from cext.safety.shared_state cimport SharedLayout
 from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals
 from cext.bus.replay_bus cimport ReplayClock
-from cext.schedule.tick cimport Tick
+from cext.schedule.tick cimport TickBody
 from cext.schedule.watchdog cimport Watchdog
 
 cdef enum:
@@ -17,11 +17,11 @@ cdef class Arming:
     cdef Program control, plant
     cdef SharedLayout *layout
     cdef Signals signals
-    cdef DeadlineClock pace
-    cdef Publisher journal
+    cdef DeadlineClock clock
+    cdef Publisher publisher
     cdef Overrun overrun
-    cdef Tick body
-    cdef ReplayClock tape
+    cdef TickBody body
+    cdef ReplayClock replay
     cdef Watchdog watchdog
     cdef bint virtual, simulated, carried
     cdef int64_t began, first_tick, tick, previous

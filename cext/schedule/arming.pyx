@@ -28,12 +28,12 @@ cdef class Arming:
 
     cdef void begin(self) noexcept nogil:
         """Set the zero of the run's time, one period from now."""
-        self.began = self.watchdog.zero = monotonic() + self.pace.period
+        self.began = self.watchdog.zero = monotonic() + self.clock.period
         self.first_tick = 0
         self.control.devices.buses.begin(self.began)
         if self.layout == NULL:
             return
-        self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period
+        self.layout.wall = clock(CLOCK_REALTIME) + self.clock.period
         self.layout.began = self.began
         self.layout.asleep = suspended_time()
         self.layout.first_tick = 0
@@ -47,14 +47,14 @@ cdef class Arming:
 
         timeout : s for the replies to each of the phases. A drive whose zero is set gets more time
         """
-        cdef bint looked = self.answered is not None or (self.tape is not None and self.tape.confirmed >= 0)
+        cdef bint looked = self.answered is not None or (self.replay is not None and self.replay.confirmed >= 0)
         cdef bint each = not looked and not self.control.devices.table.alone
         cdef int status
-        self.journal.attend(monotonic())
-        self.journal.set_state(ARMING)
+        self.publisher.attend(monotonic())
+        self.publisher.set_state(ARMING)
         if self.control.devices.table.count == 0:
             return OK
-        self.control.arena[PERIOD] = 1.0 / self.pace.rate
+        self.control.arena[PERIOD] = 1.0 / self.clock.rate
         self.point, self.rounds = -1, 0
         self.control.devices.arming.begin(looked)
         if each:
@@ -92,16 +92,16 @@ cdef class Arming:
         Returns OK, CUT if a signal or the reader ends the run, or a fault.
         """
         cdef int status
-        if self.tape is not None and self.rounds < self.tape.drains:
-            self.now = self.tape.drained[self.rounds]
-        elif self.tape is not None:
-            self.now += self.pace.period
+        if self.replay is not None and self.rounds < self.replay.drains:
+            self.now = self.replay.drained[self.rounds]
+        elif self.replay is not None:
+            self.now += self.clock.period
         else:
             self.point = self.next_point(self.point, 0)
-            self.now = self.pace.grid(self.point)
+            self.now = self.clock.grid(self.point)
         if not self.virtual:
-            self.pace.sleep_until(self.began + self.now)
-        if self.signals.caught[0] or not self.journal.make_room(False):
+            self.clock.sleep_until(self.began + self.now)
+        if self.signals.caught[0] or not self.publisher.make_room(False):
             return CUT
         self.rounds += 1
         status = self.receive_while_arming()
@@ -128,7 +128,7 @@ cdef class Arming:
 
         each : whether a device that has answered is enabled although others have not
         """
-        cdef int64_t allowed = <int64_t>(1e9 * min(timeout, 1e9)) + self.pace.period
+        cdef int64_t allowed = <int64_t>(1e9 * min(timeout, 1e9)) + self.clock.period
         cdef int64_t limit = self.now + allowed
         cdef int status
         while True:
@@ -161,19 +161,19 @@ cdef class Arming:
         cdef int status
         cdef bint confirmed = not self.confirm
         cdef int32_t consent = NO_CONSENT
-        self.journal.ask()                                         # the table has the number of the question
+        self.publisher.ask()                                         # the table has the number of the question
         status = self.call_answered()
         if status == OK and confirmed:
             status = self.permission()
         if not confirmed:
-            self.journal.set_state(READY)
+            self.publisher.set_state(READY)
         self.forget_input()
         while status == OK and not confirmed:
             status = self.finish_round(False)
             if status == OK:
                 status = self.next_round()
             if status == OK:
-                consent = self.journal.consent()
+                consent = self.publisher.consent()
             if status == OK and (consent != NO_CONSENT or self.is_held()):
                 status = self.permission()
                 confirmed = status == OK
@@ -183,7 +183,7 @@ cdef class Arming:
                 if status == UNCLEAR_POSE:
                     status = OK                                    # the operator may move the joint and confirm again
         if status == OK:
-            self.journal.set_state(ARMING)
+            self.publisher.set_state(ARMING)
         return status
 
     cdef void forget_input(self) noexcept nogil:
@@ -212,7 +212,7 @@ cdef class Arming:
     cdef int look_over_again(self) noexcept nogil:
         """Repeat `look_over` of a recorded run, at its times."""
         cdef int status = OK
-        while status == OK and self.rounds < self.tape.confirmed:
+        while status == OK and self.rounds < self.replay.confirmed:
             status = self.finish_round(False)
             if status == OK:
                 status = self.next_round()
@@ -239,7 +239,7 @@ cdef class Arming:
                 return PYTHON_ERROR
 
     cdef int receive_while_arming(self) noexcept nogil:
-        cdef int status = self.journal.attend(monotonic())
+        cdef int status = self.publisher.attend(monotonic())
         if status == OK:
             status = apply_changes(self.control.live, self.layout, -1, 0.0)
         if status == OK:
@@ -252,7 +252,7 @@ cdef class Arming:
         cdef int64_t due
         if self.virtual:
             return next
-        due = max(next, self.pace.newest(monotonic() - self.began - zero) + 1)
+        due = max(next, self.clock.newest(monotonic() - self.began - zero) + 1)
         if not self.is_stall(next, due):
             return due
         self.stop_time(next, due)
@@ -263,11 +263,11 @@ cdef class Arming:
 
         point : next grid point; due : the one at which it would run
         """
-        return due > point and self.stall > 0 and (due - point + 1) * self.pace.period >= self.stall
+        return due > point and self.stall > 0 and (due - point + 1) * self.clock.period >= self.stall
 
     cdef void stop_time(self, int64_t point, int64_t due) noexcept nogil:
         """Let grid point `point` begin when `due` was to begin: simulated time does not pass during a stall."""
-        self.began += self.pace.grid(due) - self.pace.grid(point)
+        self.began += self.clock.grid(due) - self.clock.grid(point)
         if self.layout != NULL:
             store_i64(&self.layout.began, self.began)
 
@@ -276,7 +276,7 @@ cdef class Arming:
         cdef int64_t skipped = self.previous + 1
         cdef int status = OK
         while self.plant is not None and skipped < tick and status == OK and not self.signals.caught[0]:
-            status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
+            status = self.body.advance_plant(self.first_tick + self.clock.grid(skipped))
             skipped += 1
         return status
 
@@ -293,8 +293,8 @@ cdef class Arming:
 
         Devices with damping are damped first if they may have been under torque.
         """
-        cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
-        cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
+        cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.clock.period, STOP_ROUND))
+        cdef int64_t now = self.now + self.clock.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.stop.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
         cdef int64_t limit = damping + <int64_t>(min(timeout, 1e9) * 1e9) if timeout >= 0.0 else 0
@@ -304,29 +304,29 @@ cdef class Arming:
         if self.plant is not None:
             self.plant.keep_values()
         cdef Blame failed = self.control.devices.failed()           # later failures are not the cause
-        self.journal.raise_fence()
-        self.journal.set_state(STOPPING)
+        self.publisher.raise_fence()
+        self.publisher.set_state(STOPPING)
         self.body.advance_plant_until(now)                         # it moves under the last commands
         # replies to them confirm nothing; the last tick left space for them
         self.control.devices.receive(now)
         self.control.devices.stop.begin(now)
         while self.control.devices.table.count > 0:
-            self.journal.attend(monotonic())
-            self.journal.make_room(True)
-            while limit and self.journal.guardian_stops(monotonic()):
+            self.publisher.attend(monotonic())
+            self.publisher.make_room(True)
+            while limit and self.publisher.guardian_stops(monotonic()):
                 # one sender at a time: begin again after it, without the damping
-                self.journal.attend(monotonic())
-                self.pace.sleep_until(monotonic() + round)
+                self.publisher.attend(monotonic())
+                self.clock.sleep_until(monotonic() + round)
                 now = monotonic() - self.began
                 began, since = now - damping, damping
                 self.control.devices.receive(now)
                 self.control.devices.stop.begin(now)
             due = began + self.control.devices.stop.send(since, now, round)
-            if limit == 0 or (self.carried and self.journal.guardian_is_gone(monotonic())):
+            if limit == 0 or (self.carried and self.publisher.guardian_is_gone(monotonic())):
                 break                                              # the caller continues it
             self.body.advance_plant_until(due)
             if not self.virtual:
-                self.pace.sleep_until(self.began + due)
+                self.clock.sleep_until(self.began + due)
             now = due if self.virtual else monotonic() - self.began
             since = now - began
             self.control.devices.receive(now)
@@ -343,15 +343,15 @@ cdef class Arming:
         awaited : grid point for lateness and period: `tick`, or an earlier one that was missed
         late : ns after `tick`
         """
-        cdef SharedLayout *page = self.layout
+        cdef SharedLayout *layout = self.layout
         cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()
-        add(&page.execution, ended - began, tick)
-        cdef int64_t behind = late + self.pace.grid(tick) - self.pace.grid(awaited)
-        add(&page.lateness, behind, tick)
+        add(&layout.execution, ended - began, tick)
+        cdef int64_t behind = late + self.clock.grid(tick) - self.clock.grid(awaited)
+        add(&layout.lateness, behind, tick)
         if not self.virtual and self.previous >= 0:
-            add(&page.period, behind - self.late if behind > self.late else self.late - behind, tick)
-        page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken
+            add(&layout.period, behind - self.late if behind > self.late else self.late - behind, tick)
+        layout.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken
             if self.plant is not None else 0)
-        page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
-        store_i64(&page.tick, tick)
-        store_i64(&page.ticks, page.ticks + 1)
+        layout.sleeps, layout.spins = self.clock.sleeps, self.clock.spins
+        store_i64(&layout.tick, tick)
+        store_i64(&layout.ticks, layout.ticks + 1)

@@ -15,7 +15,7 @@ cdef class Buses:
     cdef Frame[FRAMES_PER_TICK] received
     cdef int failed              # index of the bus that failed last, -1 for other causes
     cdef int64_t began           # ns of CLOCK_MONOTONIC: zero of the frames' times
-    cdef SharedLayout *page      # for the log, and with the fence; NULL: none
+    cdef SharedLayout *layout      # for the log, and with the fence; NULL: none
 
     cdef void begin(self, int64_t began) noexcept nogil
     cdef void set_time(self, int bus, int64_t now) noexcept nogil

@@ -27,7 +27,7 @@ cdef class Buses:
         self.ends = list(ends)
         self.count = len(ends)
         self.failed = -1
-        self.page = NULL
+        self.layout = NULL
         self.buses = <void **>calloc(max(1, len(ends)), sizeof(void *))
         self.reads = <int32_t *>calloc(max(1, len(ends)), sizeof(int32_t))
         for index, (end, medium) in enumerate(zip(self.ends, schedule.media)):
@@ -78,19 +78,19 @@ cdef class Buses:
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
         # the process, or the computer, may be suspended between the fence and the send: the guardian then repeats its stop
-        if not stopping and self.page != NULL:
-            store_i32_in_order(&self.page.sending, 1)
-            if load_i32_in_order(&self.page.fence) or fence_after_suspend(self.page):
-                store_i32(&self.page.sending, 0)
+        if not stopping and self.layout != NULL:
+            store_i32_in_order(&self.layout.sending, 1)
+            if load_i32_in_order(&self.layout.fence) or fence_after_suspend(self.layout):
+                store_i32(&self.layout.sending, 0)
                 return FENCED
         count = (<BusEnd>self.buses[bus]).bus.send((<BusEnd>self.buses[bus]).bus.context, frames, count)
-        if not stopping and self.page != NULL:
-            store_i32(&self.page.sending, 0)
+        if not stopping and self.layout != NULL:
+            store_i32(&self.layout.sending, 0)
         if count < 0:
             self.failed = bus
             return BUS_ERROR
-        if self.page != NULL:                   # a full queue accepts fewer; only the accepted ones were sent
-            self.page.frames_sent += count
+        if self.layout != NULL:                   # a full queue accepts fewer; only the accepted ones were sent
+            self.layout.frames_sent += count
             for index in range(count):
                 self.log_frame(&frames[index])
         return OK
@@ -99,25 +99,25 @@ cdef class Buses:
         """Return OK, FENCED or BUS_ERROR from the combined bits of several statuses of `send`."""
         if combined == OK:
             return OK
-        return FENCED if not stopping and self.page != NULL and load_i32(&self.page.fence) else BUS_ERROR
+        return FENCED if not stopping and self.layout != NULL and load_i32(&self.layout.fence) else BUS_ERROR
 
     cdef void log_drain(self, int64_t now) noexcept nogil:
         """Log the time of a drain of all buses, for the replay of the run."""
         cdef int64_t *room
-        if self.page == NULL or self.count == 0:
+        if self.layout == NULL or self.count == 0:
             return
-        room = <int64_t *>reserve(self.page, RECEIVED, sizeof(int64_t))
+        room = <int64_t *>reserve(self.layout, RECEIVED, sizeof(int64_t))
         if room == NULL:
-            self.page.dropped += 1
+            self.layout.dropped += 1
             return
         room[0] = now
-        commit(self.page)
+        commit(self.layout)
 
     cdef void log_frame(self, const Frame *frame) noexcept nogil:
-        """Log a frame. Requires a page."""
-        cdef void *room = reserve(self.page, FRAME, sizeof(Frame))
+        """Log a frame. Requires a layout."""
+        cdef void *room = reserve(self.layout, FRAME, sizeof(Frame))
         if room == NULL:
-            self.page.dropped += 1
+            self.layout.dropped += 1
             return
         memcpy(room, frame, sizeof(Frame))
-        commit(self.page)
+        commit(self.layout)

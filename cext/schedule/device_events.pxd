@@ -17,7 +17,7 @@ cdef class DeviceEvents:
     """Events of the devices of one schedule."""
     cdef list templates          # EventTemplate, DEVICE_EVENTS of each device that has them
     cdef void **places           # the same, borrowed: DEVICE_EVENTS of each device; NULL for none
-    cdef SharedLayout *page      # NULL: none
+    cdef SharedLayout *layout      # NULL: none
 
-    cdef uint64_t share(self, SharedLayout *page)
+    cdef uint64_t share(self, SharedLayout *layout)
     cdef void publish(self, int device, int event, int64_t tick) noexcept nogil

@@ -27,7 +27,7 @@ cdef class DeviceEvents:
     """
 
     def __init__(self, devices):
-        self.templates, self.page = [], NULL
+        self.templates, self.layout = [], NULL
         self.places = <void **>calloc(max(1, len(devices)) * DEVICE_EVENTS, sizeof(void *))
         for index, entry in enumerate(devices):
             if entry.zeroing is None and entry.disabled_slot < 0:
@@ -43,13 +43,13 @@ cdef class DeviceEvents:
     def __dealloc__(self):
         free(self.places)
 
-    cdef uint64_t share(self, SharedLayout *page):
+    cdef uint64_t share(self, SharedLayout *layout):
         """Set the shared state for the events, or NULL. Returns the ring bytes that one tick may need."""
-        self.page = page
+        self.layout = layout
         return sum(8 + (<EventTemplate>template).size() for template in self.templates)
 
     cdef void publish(self, int device, int event, int64_t tick) noexcept nogil:
         """Publish an event of a device."""
         cdef void *template = self.places[device * DEVICE_EVENTS + event]
         if template != NULL:
-            (<EventTemplate>template).publish(self.page, tick)
+            (<EventTemplate>template).publish(self.layout, tick)

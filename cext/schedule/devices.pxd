@@ -36,7 +36,7 @@ cdef class Devices:
     cdef double counted_from     # tick from which missing replies are counted
 
     cdef void reset(self)
-    cdef uint64_t share(self, SharedLayout *page)
+    cdef uint64_t share(self, SharedLayout *layout)
     cdef Blame failed(self) noexcept nogil
     cdef void blame(self, Blame failed) noexcept nogil
     cdef int receive(self, int64_t now) noexcept nogil

@@ -83,12 +83,12 @@ cdef class Devices:
         self.drives.reset()
         self.warnings.reset()
 
-    cdef uint64_t share(self, SharedLayout *page):
+    cdef uint64_t share(self, SharedLayout *layout):
         """Set the shared state for frames and events, or NULL. Returns the ring bytes that the events of one tick may
         need.
         """
-        self.buses.page = page
-        return self.events.share(page) + self.drives.share(page) + self.warnings.share(page)
+        self.buses.layout = layout
+        return self.events.share(layout) + self.drives.share(layout) + self.warnings.share(layout)
 
     def longest_stall(self) -> int:
         """Return the ns for which the ticks of a simulation may stop before a device could time out."""
@@ -159,15 +159,15 @@ cdef class Devices:
         cdef int index, answer
         cdef int status = OK
         cdef Frame *frame
-        cdef SharedLayout *page = self.buses.page
+        cdef SharedLayout *layout = self.buses.layout
         for index in range(count):
             frame = &self.buses.received[index]
             answer = self.offer_one(bus, frame, &status)
-            if page != NULL:
+            if layout != NULL:
                 if not frame.id & ERROR_FRAME:              # which the controller makes, and the bus counts
-                    page.frames_received += 1
-                    page.frames_foreign += answer == FOREIGN or answer == COMMANDED
-                    page.frames_malformed += answer == MALFORMED
+                    layout.frames_received += 1
+                    layout.frames_foreign += answer == FOREIGN or answer == COMMANDED
+                    layout.frames_malformed += answer == MALFORMED
                 self.buses.log_frame(frame)
         return status
 
@@ -234,7 +234,7 @@ cdef class Devices:
         if answer == MALFORMED and may_be_reply(device, frame):
             device.doubtful = True
             return False
-        return not (self.buses.page != NULL and load_i32(&self.buses.page.fence) == FENCED_FOR_GOOD)
+        return not (self.buses.layout != NULL and load_i32(&self.buses.layout.fence) == FENCED_FOR_GOOD)
 
     cdef bint is_twin(self, Device *device, const Frame *frame) noexcept nogil:
         """Note a reply. Returns whether it shows that two devices have the id of a commanded one."""

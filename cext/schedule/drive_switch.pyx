@@ -46,7 +46,7 @@ cdef class DriveSwitch:
         cdef int permitted = OK
         if not arena[device.drive.disable] <= 0.5 and not arena[device.drive.disabled] > 0.5:
             self.live.assume(device.drive.disabled, 1.0)
-            self.live.show(self.events.page)
+            self.live.show(self.events.layout)
         disabled = arena[device.drive.disabled] > 0.5
         device.drive.silent |= now - device.reply_time > POWER_LOSS
         if self.table.waiting:
@@ -125,7 +125,7 @@ cdef class DriveSwitch:
         """Take out a drive that cannot be armed again."""
         cdef Device *device = &self.table.devices[number]
         self.live.assume(device.drive.disabled, 1.0)
-        self.live.show(self.events.page)
+        self.live.show(self.events.layout)
         self.begin_out(number)
         device.zeroing.runs = False
         self.events.publish(number, NOT_RETURNED, <int64_t>self.table.arena[TICK])
@@ -198,8 +198,8 @@ cdef class DriveSwitch:
         cdef Batch *batch
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            if self.buses.page != NULL:                          # the guardian does not damp them
-                set_out(self.buses.page, number, device.drive.state >= OUT)
+            if self.buses.layout != NULL:                          # the guardian does not damp them
+                set_out(self.buses.layout, number, device.drive.state >= OUT)
             if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
                 batch = <Batch *>(<SpeedBands>device.bands).choose(
                     now + 2 * period, damping_transit(device))

@@ -37,7 +37,7 @@ from cext.clock.signals cimport Signals
 from cext.clock.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.bus.replay_bus cimport ReplayClock
 from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, STOP_LIMIT
-from cext.schedule.tick cimport Tick
+from cext.schedule.tick cimport TickBody
 from cext.schedule.lifecycle cimport ENDED, Waiting
 from cext.schedule.watchdog cimport Watchdog
 
@@ -56,7 +56,7 @@ cdef class Executor(Waiting):
     control : Program, the robot's diagram
     rate : Hz
     plant : Program or None, run `substeps` times a tick, at the tick's end
-    page : SharedState or None; with one, rows, frames and statistics go through it
+    shared : SharedState or None; with one, rows, frames and statistics go through it
     virtual : run as fast as possible, without sleeping; the loop waits for space in a full ring instead of dropping
         records
     reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
@@ -67,7 +67,7 @@ cdef class Executor(Waiting):
     overrun : policy for late ticks, in the syntax of cext.clock.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
     profile : time every step, for `profile`
-    tape : ReplayClock of a recorded run, whose ticks are repeated in virtual time with their lateness
+    replay : ReplayClock of a recorded run, whose ticks are repeated in virtual time with their lateness
     guard : s of the guardian's silence that end the run; no other node may then command the devices, and in real time a
         watchdog checks for blocks that hang. 0 without a guardian
     carried : whether the guardian carries the frames of any bus: after its death, the safe stop is one round here, and
@@ -87,32 +87,32 @@ cdef class Executor(Waiting):
     cdef bint begun                  # whether `advance` has armed
     cdef tuple unanswered            # devices that did not reply while arming
 
-    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None,
+    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState shared=None,
         bint virtual=False,
-                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock tape=None,
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock replay=None,
                  double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None,
                  bint waits=False):
         self.hosted = hosted
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
-        self.pace = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
+        self.clock = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain,
+        self.publisher = Publisher(shared, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain,
             plant)
-        self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
-        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual,
+        self.body = TickBody(control, plant, substeps, self.clock, self.publisher, not virtual, profile)
+        self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, guard > 0.0 and not virtual,
             others)
         self.body.handover = self.watchdog.handover
-        self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
-        self.simulated = plant is not None or control.devices.table.count == 0 if tape is None else tape.simulated
+        self.control, self.plant, self.layout, self.virtual = control, plant, self.publisher.layout, virtual
+        self.simulated = plant is not None or control.devices.table.count == 0 if replay is None else replay.simulated
         if waits and (plant is None or guard > 0.0):
             raise ValueError("the time of real devices passes while the host stalls: only a plant can wait for it")
         self.stall = control.devices.longest_stall() if waits and not virtual else 0
-        self.tape = tape
+        self.replay = replay
         self.carried = carried
         control.devices.table.alone = guard > 0.0
         if guard > 0.0 and not virtual:
             control.devices.table.time_replies()
-        if tape is not None and not virtual:
+        if replay is not None and not virtual:
             raise ValueError("a recorded run can be replayed only in virtual time")
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
@@ -153,8 +153,8 @@ cdef class Executor(Waiting):
             while rearm is not None and self.is_survived(self.status):
                 with nogil:
                     self.halt(stopping_timeout)
-                    self.journal.ask()                             # an earlier confirmation does not count
-                    self.journal.set_state(WAITING)
+                    self.publisher.ask()                             # an earlier confirmation does not count
+                    self.publisher.set_state(WAITING)
                 fault = self.outcome(self.status)
                 faults.append(fault)
                 self.call_notify("fault", fault)
@@ -171,7 +171,7 @@ cdef class Executor(Waiting):
         ended = self.end()
         if waited == ENDED or waited == STOP_WANTED:                # the fault persisted when the run ended
             ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
-        return replace(ended, stopped=self.journal.page.stopped_by if asked else "", faults=tuple(faults))
+        return replace(ended, stopped=self.publisher.shared.stopped_by if asked else "", faults=tuple(faults))
 
     def advance(self, int64_t ticks) -> bool:
         """Run the next `ticks` grid points in virtual time; the first call, which may be with 0, resets and arms.
@@ -219,9 +219,9 @@ cdef class Executor(Waiting):
         self.halted = False
         self.status = OK
         self.unanswered = ()
-        self.pace.sleeps = self.pace.spins = self.stalled = 0
+        self.clock.sleeps = self.clock.spins = self.stalled = 0
         self.overrun.reset()
-        self.journal.clear()
+        self.publisher.clear()
 
     cdef void enter(self):
         """Take the signals, and outside of another program the collector and the switch interval, until `leave`."""
@@ -267,7 +267,7 @@ cdef class Executor(Waiting):
 
     cdef object end(self):
         """Return the Outcome after the safe stop. Raises the exception of a reader."""
-        error = self.journal.error or (self.tape.error if self.tape is not None else None)
+        error = self.publisher.error or (self.replay.error if self.replay is not None else None)
         if error is not None:
             raise error
         if self.layout != NULL:
@@ -288,7 +288,7 @@ cdef class Executor(Waiting):
     @property
     def newest(self) -> list[tuple]:
         """Rows of the newest ticks, as of cext.schedule.publisher.Publisher.newest."""
-        return self.journal.newest()
+        return self.publisher.newest()
 
     @property
     def signal(self) -> int:
@@ -308,7 +308,7 @@ cdef class Executor(Waiting):
     @property
     def rows(self) -> int:
         """Number of recorded rows."""
-        return self.journal.recent_count
+        return self.publisher.recent_count
 
     @property
     def profile(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -333,18 +333,18 @@ cdef class Executor(Waiting):
         cdef int64_t awaited
         cdef int64_t epoch = self.began + self.first_tick
         cdef int status = OK
-        self.journal.set_state(RUNNING)
+        self.publisher.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
             awaited = tick
             stood = 0
             if not self.virtual:
-                self.pace.wait(epoch + self.pace.grid(tick))
-            if self.signals.caught[0] or not self.journal.make_room(False):
+                self.clock.wait(epoch + self.clock.grid(tick))
+            if self.signals.caught[0] or not self.publisher.make_room(False):
                 break
             began = monotonic()
             self.watchdog.begin_work(began)
-            if self.tape is not None:
-                if not self.tape.advance(&tick, &late):
+            if self.replay is not None:
+                if not self.replay.advance(&tick, &late):
                     break
             elif not self.virtual:
                 tick = self.place(tick, began - epoch, ticks)
@@ -354,11 +354,11 @@ cdef class Executor(Waiting):
                     break
                 stood = self.began + self.first_tick - epoch       # ns that the simulation stood still
                 epoch += stood
-                late = began - epoch - self.pace.grid(tick)
-            self.now = now = self.first_tick + self.pace.grid(tick)
+                late = began - epoch - self.clock.grid(tick)
+            self.now = now = self.first_tick + self.clock.grid(tick)
             self.tick = tick
             self.body.watch.begin(tick, began)
-            status = self.journal.attend(began)
+            status = self.publisher.attend(began)
             if status == OK:
                 status = self.advance_plant_to(tick)
             if status != OK:
@@ -367,7 +367,7 @@ cdef class Executor(Waiting):
             self.control.arena[AUTHORITY] = self.authority(tick - self.armed, fade)
             status = self.body.run(                                # in the first tick after arming every block runs
                 tick, self.previous if self.previous >= self.armed else -1, now if self.simulated else now + late)
-            if status != OK or (self.journal.records and not self.journal.push_row(tick)):
+            if status != OK or (self.publisher.records and not self.publisher.push_row(tick)):
                 break
             if self.control.laps != NULL:
                 lap(self.control.laps, RECORD)
@@ -384,14 +384,14 @@ cdef class Executor(Waiting):
 
     cdef double authority(self, int64_t ticks, double fade) noexcept nogil:
         """Return the permitted share of every command, `ticks` after arming."""
-        return 1.0 if fade <= 0.0 or ticks / self.pace.rate >= fade else ticks / (self.pace.rate * fade)
+        return 1.0 if fade <= 0.0 or ticks / self.clock.rate >= fade else ticks / (self.clock.rate * fade)
 
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
         """Return the grid point at which tick `tick` runs if it wakes up `since` ns after the first.
 
         Counts missed ones. A stall of a simulation stops its time: the tick runs late, at its own grid point.
         """
-        cdef int64_t due = max(tick, self.pace.newest(since))
+        cdef int64_t due = max(tick, self.clock.newest(since))
         cdef int64_t behind = self.overrun.late
         cdef int64_t chosen
         cdef bint stalled = self.is_stall(tick, due)
@@ -399,12 +399,12 @@ cdef class Executor(Waiting):
             due = ticks
         chosen = self.overrun.decide(tick, due)
         if due > tick and behind == 0:                             # ticks that catch up did not cause it
-            if tick > 0 and self.body.watch.laps.last - self.began - self.first_tick >= self.pace.grid(tick + 1):
+            if tick > 0 and self.body.watch.laps.last - self.began - self.first_tick >= self.clock.grid(tick + 1):
                 self.to_blame = self.body.watch.laps.item
                 self.body.watch.blame(self.to_blame, self.body.watch.laps.longest, due - tick)
             else:
                 self.to_blame = WOKEN_LATE
-                self.body.watch.blame(WOKEN_LATE, since - self.pace.grid(tick), due - tick)
+                self.body.watch.blame(WOKEN_LATE, since - self.clock.grid(tick), due - tick)
         if self.layout != NULL and due > tick:
             store_i64(&self.layout.missed, self.layout.missed + chosen - tick)
             self.layout.caught_up += chosen == tick
@@ -418,4 +418,4 @@ cdef class Executor(Waiting):
         """Perform the safe stop at the end of a run."""
         self.halt(timeout)
         self.control.live.dismiss(self.layout)
-        self.journal.set_state(SAFE)
+        self.publisher.set_state(SAFE)

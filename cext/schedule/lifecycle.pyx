@@ -47,11 +47,11 @@ cdef class Waiting(Arming):
             self.watchdog.dismiss()
             self.control.publish_held()
             return HUNG
-        if status == SILENT and self.carried and self.journal.guardian_is_late():
+        if status == SILENT and self.carried and self.publisher.guardian_is_late():
             self.control.devices.table.failed = -1
             return UNGUARDED
         # whatever it was noticed by: devices without power, late ticks, another process's fence
-        return SUSPENDED if status > OK and self.journal.was_suspended() else status
+        return SUSPENDED if status > OK and self.publisher.was_suspended() else status
 
     cdef bint is_survived(self, int status):
         """Return whether a run with this fault may be armed again.
@@ -87,13 +87,13 @@ cdef class Waiting(Arming):
 
     cdef void call_notify(self, str what, outcome):
         """Call `notify`. Its exceptions do not affect the run."""
-        self.journal.attend_fenced(monotonic())
+        self.publisher.attend_fenced(monotonic())
         if self.notify is not None:
             try:
                 self.notify(what, outcome)
             except Exception:
                 sys.excepthook(*sys.exc_info())
-        self.journal.attend_fenced(monotonic())
+        self.publisher.attend_fenced(monotonic())
 
     cdef void notify_standing(self, str what, int standing) noexcept nogil:
         with gil:
@@ -106,7 +106,7 @@ cdef class Waiting(Arming):
         Then arms, and returns OK or why that failed. Returns ENDED or STOP_WANTED if the run ends first, or a fault
         that cannot be survived.
         """
-        cdef int64_t tick = max(self.tick, self.pace.newest(
+        cdef int64_t tick = max(self.tick, self.clock.newest(
             (self.now if self.virtual else monotonic() - self.began) - self.first_tick)) + 1
         cdef int64_t began
         cdef int status
@@ -115,31 +115,31 @@ cdef class Waiting(Arming):
         cdef bint high = True                                      # only a rising input is a request
         cdef bint before
         # from when a missing reply prevents arming
-        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
+        cdef int64_t judged = self.first_tick + self.clock.grid(tick) + DISABLE_CONFIRM_LIMIT
         self.control.devices.stop.begin(self.now)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
-                self.pace.wait(self.began + self.first_tick + self.pace.grid(tick))
-            if self.signals.caught[0] or not self.journal.make_room(False):
+                self.clock.wait(self.began + self.first_tick + self.clock.grid(tick))
+            if self.signals.caught[0] or not self.publisher.make_room(False):
                 return ENDED
             began = monotonic()
             self.tick = tick
-            self.now = self.first_tick + self.pace.grid(tick)
+            self.now = self.first_tick + self.clock.grid(tick)
             self.body.watch.begin(tick, began)
-            status = self.journal.attend_fenced(began)
+            status = self.publisher.attend_fenced(began)
             if status != OK:
                 return status
-            consent = self.journal.consent() if standing != NO_ANSWER or self.now > judged else NO_CONSENT
+            consent = self.publisher.consent() if standing != NO_ANSWER or self.now > judged else NO_CONSENT
             if consent != NO_CONSENT:
                 standing = self.permission() if standing == OK else standing
                 if standing == OK:
                     record_request(self.layout, REARM, consent, load_u64(&self.layout.operator.process), tick)
                     return self.arm_again(tick, arming_timeout)
                 self.notify_standing("refused", standing)
-            self.late = 0 if self.virtual else began - self.began - self.first_tick - self.pace.grid(tick)
+            self.late = 0 if self.virtual else began - self.began - self.first_tick - self.clock.grid(tick)
             standing = self.look_around(tick, standing, &status)
-            if status != OK or (self.journal.records and not self.journal.push_row(tick)):
+            if status != OK or (self.publisher.records and not self.publisher.push_row(tick)):
                 return status if status != OK else ENDED
             if self.layout != NULL:
                 self.count(tick, tick, self.late, began)
@@ -180,7 +180,7 @@ cdef class Waiting(Arming):
         self.body.set_clock(tick, self.previous, self.late)
         self.control.arena[AUTHORITY] = 0.0
         self.control.devices.table.waiting = True
-        computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.pace.rate)
+        computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.clock.rate)
         if computed == STOP_WANTED:
             status[0] = computed
             return computed
@@ -196,7 +196,7 @@ cdef class Waiting(Arming):
         if computed == OK:
             computed = run_phase(self.control, &self.control.update, tick, self.previous)
         self.control.publish_held()
-        self.control.devices.stop.judge(self.now, self.pace.period)
+        self.control.devices.stop.judge(self.now, self.clock.period)
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
@@ -220,22 +220,22 @@ cdef class Waiting(Arming):
 
         The fence is lowered only here.
         """
-        cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        cdef int64_t rounds = <int64_t>min(timeout * self.clock.rate, 1e15) + 1
         cdef int64_t round
         cdef int status
         self.notify_standing("rearm", OK)
         self.forgive(PYTHON_ERROR)
-        if not self.journal.lower_fence():
+        if not self.publisher.lower_fence():
             return FENCED
         self.halted = False
-        self.journal.set_state(ARMING)
+        self.publisher.set_state(ARMING)
         self.overrun.reset()
         for round in range(rounds + 1):
             tick = tick if round == 0 else self.next_point(tick, self.first_tick)
-            self.now = self.first_tick + self.pace.grid(tick)
+            self.now = self.first_tick + self.clock.grid(tick)
             if not self.virtual:
-                self.pace.sleep_until(self.began + self.now)
-            if self.signals.caught[0] or not self.journal.make_room(False):
+                self.clock.sleep_until(self.began + self.now)
+            if self.signals.caught[0] or not self.publisher.make_room(False):
                 return ENDED
             self.tick = tick
             status = self.receive_while_arming()

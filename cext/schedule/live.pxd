@@ -37,27 +37,27 @@ cdef class LiveTable:
 
     cdef void forgive(self)
     cdef void assume(self, int slot, double value) noexcept nogil
-    cdef void show(self, SharedLayout *page) noexcept nogil
-    cdef void dismiss(self, SharedLayout *page) noexcept nogil
-    cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil
-    cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil
-    cdef void take(self, SharedLayout *page, int64_t tick) noexcept nogil
+    cdef void show(self, SharedLayout *layout) noexcept nogil
+    cdef void dismiss(self, SharedLayout *layout) noexcept nogil
+    cdef int work(self, SharedLayout *layout, int64_t tick, double dt) noexcept nogil
+    cdef void play(self, SharedLayout *layout, int64_t tick) noexcept nogil
+    cdef void take(self, SharedLayout *layout, int64_t tick) noexcept nogil
     cdef int check(self, const Letter *letter) noexcept nogil
     cdef int check_values(self, const Letter *letter) noexcept nogil
     cdef object place(self, list targets, int index, double value)
-    cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil
+    cdef bint carry_out(self, SharedLayout *layout, const Letter *letter, int64_t tick) noexcept nogil
     cdef int advance(self, double dt) noexcept nogil
     cdef int update_python(self, Laps *laps) noexcept nogil
 
-cdef void record_request(SharedLayout *page, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil
+cdef void record_request(SharedLayout *layout, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil
 
-cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
+cdef inline int apply_changes(LiveTable live, SharedLayout *layout, int64_t tick, double dt) noexcept nogil:
     """Apply requests of the mailbox and ramps, at the start of a tick that follows the previous one after dt s.
 
     Returns OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop takes effect; letters wait for
     tick 0.
     """
-    if live.moving == 0 and tick < live.due and (page == NULL or load_u64(&page.mailbox.posted) == live.seen
-            and load_u64(&page.operator.stop) == 0):
+    if live.moving == 0 and tick < live.due and (layout == NULL or load_u64(&layout.mailbox.posted) == live.seen
+            and load_u64(&layout.operator.stop) == 0):
         return 0
-    return live.work(page, tick, dt)
+    return live.work(layout, tick, dt)

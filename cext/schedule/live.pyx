@@ -139,73 +139,73 @@ cdef class LiveTable:
                 self.parameters[index].value = self.parameters[index].target = value
         self.arena[slot] = value
 
-    cdef void show(self, SharedLayout *page) noexcept nogil:
+    cdef void show(self, SharedLayout *layout) noexcept nogil:
         """Write the values to the shared state."""
         cdef int index
-        if page == NULL or page.live_count != self.count:
+        if layout == NULL or layout.live_count != self.count:
             return
         for index in range(self.count):
-            shown(page)[index].value = self.parameters[index].value
-            shown(page)[index].target = self.parameters[index].target
+            shown(layout)[index].value = self.parameters[index].value
+            shown(layout)[index].target = self.parameters[index].target
 
-    cdef void dismiss(self, SharedLayout *page) noexcept nogil:
+    cdef void dismiss(self, SharedLayout *layout) noexcept nogil:
         """Answer the waiting letters: the run has ended."""
         cdef Letter *letter
         cdef Letter copy
         cdef int rounds
-        if page == NULL:
+        if layout == NULL:
             return
         for rounds in range(LETTERS):
-            letter = take_oldest(&page.mailbox, &copy)
+            letter = take_oldest(&layout.mailbox, &copy)
             if letter == NULL:
                 return
             answer(letter, &copy, OVER, -1, 0)
 
-    cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
+    cdef int work(self, SharedLayout *layout, int64_t tick, double dt) noexcept nogil:
         cdef int status = OK
         cdef uint64_t stop
-        if page != NULL:
-            stop = load_u64(&page.operator.stop)
+        if layout != NULL:
+            stop = load_u64(&layout.operator.stop)
             if stop != 0:
-                record_request(page, STOP, origin_of_stop(stop), process_of_stop(stop), tick)
+                record_request(layout, STOP, origin_of_stop(stop), process_of_stop(stop), tick)
                 return STOP_WANTED
             if tick >= self.due:
-                self.play(page, tick)
-            if tick >= 0 and load_u64(&page.mailbox.posted) != self.seen:
-                self.take(page, tick)
+                self.play(layout, tick)
+            if tick >= 0 and load_u64(&layout.mailbox.posted) != self.seen:
+                self.take(layout, tick)
         if status == OK and self.moving:
             status = self.advance(dt)
-            self.show(page)
+            self.show(layout)
         return status
 
-    cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil:
+    cdef void play(self, SharedLayout *layout, int64_t tick) noexcept nogil:
         """Carry out the changes of the script for this tick."""
         cdef Letter letter
         letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
         while self.played < self.scripted and self.script[self.played].tick <= tick:
             letter.parameters[0], letter.values[0] = self.script[self.played].parameter, self.script[self.played].value
             self.parameters[letter.parameters[0]].slew = self.script[self.played].slew
-            if not self.carry_out(page, &letter, tick):
+            if not self.carry_out(layout, &letter, tick):
                 break                           # the ring is full: try again in the next tick
             self.played += 1
         self.due = self.script[self.played].tick if self.played < self.scripted else NEVER
 
-    cdef void take(self, SharedLayout *page, int64_t tick) noexcept nogil:
+    cdef void take(self, SharedLayout *layout, int64_t tick) noexcept nogil:
         """Carry out waiting letters, in the order of posting.
 
         Letters that arrive meanwhile may wait for the next tick.
         """
-        cdef uint64_t posted = load_u64(&page.mailbox.posted)
+        cdef uint64_t posted = load_u64(&layout.mailbox.posted)
         cdef Letter *letter
         cdef Letter copy                        # a defective writer cannot change what has been checked
         cdef int rounds, verdict
         for rounds in range(LETTERS):
-            letter = take_oldest(&page.mailbox, &copy)
+            letter = take_oldest(&layout.mailbox, &copy)
             if letter == NULL:
                 self.seen = posted
                 return
             verdict = self.check(&copy)
-            if verdict == TAKEN and not self.carry_out(page, &copy, tick):
+            if verdict == TAKEN and not self.carry_out(layout, &copy, tick):
                 store_u64(&letter.state, copy.state)            # it waits for space in the ring
                 return
             answer(letter, &copy, verdict, tick, self.marks)
@@ -235,12 +235,12 @@ cdef class LiveTable:
                 return OUT_OF_BOUNDS
         return TAKEN
 
-    cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil:
+    cdef bint carry_out(self, SharedLayout *layout, const Letter *letter, int64_t tick) noexcept nogil:
         """Set targets and record them. Returns False, with nothing done, if the ring is full."""
         cdef int count = letter.count if letter.kind == SET else 1
         cdef int index
         cdef LiveParameter *parameter
-        cdef Change *change = <Change *>reserve(page, CHANGE, <uint32_t>(count * sizeof(Change)))
+        cdef Change *change = <Change *>reserve(layout, CHANGE, <uint32_t>(count * sizeof(Change)))
         if change == NULL:
             return False
         for index in range(count):
@@ -256,7 +256,7 @@ cdef class LiveTable:
                 change.before, change.slew = parameter.value, parameter.slew
                 parameter.target = letter.values[index]
             change += 1
-        commit(page)
+        commit(layout)
         if letter.kind == SET:
             self.moving = self.count            # `advance` counts again
         return True
@@ -312,12 +312,12 @@ cdef class LiveTable:
         return OK
 
 
-cdef void record_request(SharedLayout *page, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil:
-    """Record a request from outside the mailbox. process : its ID. Requires a page."""
-    cdef Change *change = <Change *>reserve(page, CHANGE, sizeof(Change))
+cdef void record_request(SharedLayout *layout, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil:
+    """Record a request from outside the mailbox. process : its ID. Requires a layout."""
+    cdef Change *change = <Change *>reserve(layout, CHANGE, sizeof(Change))
     if change == NULL:
-        page.dropped += 1
+        layout.dropped += 1
         return
     change.tick, change.kind, change.origin, change.writer = tick, kind, origin, <int32_t>process
     change.parameter, change.value, change.before, change.slew = -1, 0.0, 0.0, 0.0
-    commit(page)
+    commit(layout)

@@ -24,24 +24,24 @@ CHANGE_LIMIT = CHANGES
 cdef class Writer:
     """Writer to a run: changes and marks through its mailbox, and the requests of the operator beside it.
 
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     origin : "set" or "keys"
 
     `set` and `mark` return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the writer
     until `answer` has returned its answer, or `withdraw` has taken it back.
     """
 
-    cdef SharedState page
+    cdef SharedState shared
     cdef Mailbox *mailbox
     cdef int origin
     cdef uint64_t[LETTERS] mine          # words of the letters of this writer, as it posted them
 
-    def __init__(self, SharedState page, str origin="set"):
-        self.page, self.mailbox, self.origin = page, &page.layout.mailbox, ORIGINS[origin]
+    def __init__(self, SharedState shared, str origin="set"):
+        self.shared, self.mailbox, self.origin = shared, &shared.layout.mailbox, ORIGINS[origin]
 
     def stop(self) -> bool:
         """Stop the run. Waits for nothing, and cannot be withdrawn. Returns False if a stop was requested before."""
-        return ask_to_stop(&self.page.layout.operator, self.origin, os.getpid())
+        return ask_to_stop(&self.shared.layout.operator, self.origin, os.getpid())
 
     def confirm(self, uint64_t question, pressed=None) -> None:
         """Confirm that a robot may be armed, or again after a fault.
@@ -51,7 +51,7 @@ cdef class Writer:
 
         The loop ignores it if it has asked another question since, or if the answer is older than CONSENT_LIMIT.
         """
-        consent_to(&self.page.layout.operator, question, self.origin, os.getpid(),
+        consent_to(&self.shared.layout.operator, question, self.origin, os.getpid(),
             <int64_t>(time.monotonic_ns() if pressed is None else pressed))
 
     def set(self, changes) -> int | None:

@@ -69,7 +69,7 @@ cdef class Program:
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions
-    cdef SharedLayout *page        # for the event of the first held exception; NULL: none
+    cdef SharedLayout *layout        # for the event of the first held exception; NULL: none
     cdef object schedule
     cdef Code code               # of the segments, or None
     cdef readonly int fused      # steps in machine code
@@ -79,7 +79,7 @@ cdef class Program:
     cdef list run_of(self, const Phase *phase, const Segment *segment, int item, list steps)
     cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
-    cdef uint64_t share(self, SharedLayout *page)
+    cdef uint64_t share(self, SharedLayout *layout)
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef void keep_values(self) noexcept nogil

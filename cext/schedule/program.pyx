@@ -305,8 +305,8 @@ cdef class Program:
         """Begin a step that may take longer than the limits of watchdog and guardian. Returns the time."""
         if self.handover != NULL:
             store_i64(&self.handover.allowed, segment.allowance)
-        if self.page != NULL:
-            store_i64(&self.page.beat, self.page.beat + segment.allowance)
+        if self.layout != NULL:
+            store_i64(&self.layout.beat, self.layout.beat + segment.allowance)
         return monotonic()
 
     cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil:
@@ -315,8 +315,8 @@ cdef class Program:
         if self.handover != NULL:
             store_i64(&self.handover.since, self.handover.since + took)
             store_i64(&self.handover.allowed, 0)
-        if self.page != NULL:
-            store_i64(&self.page.beat, self.page.beat + took - segment.allowance)
+        if self.layout != NULL:
+            store_i64(&self.layout.beat, self.layout.beat + took - segment.allowance)
 
     cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil:
         cdef int status
@@ -415,14 +415,14 @@ cdef class Program:
             leave()
         return OK
 
-    cdef uint64_t share(self, SharedLayout *page):
+    cdef uint64_t share(self, SharedLayout *layout):
         """Set the shared state for events of held exceptions and actuators, or NULL.
 
         Returns the ring bytes that one tick may need.
         """
-        self.page = page
-        self.at = &self.own_at if page == NULL else &page.at
-        return self.devices.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
+        self.layout = layout
+        self.at = &self.own_at if layout == NULL else &layout.at
+        return self.devices.share(layout) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`.
@@ -462,7 +462,7 @@ cdef class Program:
         cdef int index
         for index in range(phase.step_count):
             if phase.steps[index].python != NULL:
-                (<PythonStep>phase.steps[index].python).publish(self.page)
+                (<PythonStep>phase.steps[index].python).publish(self.layout)
 
     cdef int reset_blocks(self) noexcept nogil:
         memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start)

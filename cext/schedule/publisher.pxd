@@ -4,8 +4,8 @@ from cext.safety.shared_state cimport SharedState, SharedLayout
 from cext.schedule.program cimport Program
 
 cdef class Publisher:
-    cdef SharedState page
-    cdef SharedLayout *layout          # NULL without a page
+    cdef SharedState shared
+    cdef SharedLayout *layout          # NULL without a shared
     cdef Program program, plant
     cdef bint virtual
     cdef int reader

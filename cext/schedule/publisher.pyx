@@ -33,7 +33,7 @@ cdef class Publisher:
 
     Parameters
     ----------
-    page : SharedState or None; without one, nothing is published
+    shared : SharedState or None; without one, nothing is published
     program : Program whose columns make a row
     virtual : the loop waits for space in a full ring instead of dropping records
     reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
@@ -46,13 +46,13 @@ cdef class Publisher:
     plant : Program whose columns, at the end of the tick, follow in the rows of that array; or None
     """
 
-    def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
+    def __init__(self, SharedState shared, Program program, bint virtual, int reader, Signals signals,
                  int64_t guard=0, rows=None, drain=None, Program plant=None):
-        if page is not None and 16 * (3 + program.column_count) > <int64_t>own(page.layout).capacity:
+        if shared is not None and 16 * (3 + program.column_count) > <int64_t>own(shared.layout).capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (
-                own(page.layout).capacity, 2 + program.column_count))
-        self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
-        self.layout = NULL if page is None else page.layout
+                own(shared.layout).capacity, 2 + program.column_count))
+        self.shared, self.program, self.virtual, self.reader, self.caught = shared, program, virtual, reader, signals.caught
+        self.layout = NULL if shared is None else shared.layout
         self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
@@ -60,10 +60,10 @@ cdef class Publisher:
             * program.devices.table.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change)) + 2 * (8 + sizeof(Change))
         self.most += program.share(self.layout)
-        if page is not None:
-            self.most = min(self.most, own(page.layout).capacity // 2)          # a smaller ring drops records
-        self.records = page is not None or rows is not None
-        self.drain, self.drains = drain, drain is not None and page is not None and virtual
+        if shared is not None:
+            self.most = min(self.most, own(shared.layout).capacity // 2)          # a smaller ring drops records
+        self.records = shared is not None or rows is not None
+        self.drain, self.drains = drain, drain is not None and shared is not None and virtual
         self.plant = None if rows is None else plant
         self.width = 2 + program.column_count + (0 if self.plant is None else self.plant.column_count)
         self.table = np.zeros((RECENT, self.width)) if rows is None else rows
@@ -86,27 +86,27 @@ cdef class Publisher:
 
     cdef void clear(self):
         """Clear the statistics of an earlier run; the ring keeps what has not been read."""
-        cdef SharedLayout *page = self.layout
+        cdef SharedLayout *layout = self.layout
         self.recent_count = self.drained = 0
         self.error = None
-        if page == NULL:
+        if layout == NULL:
             return
-        page.tick = -1
-        page.ticks = page.missed = page.dropped = page.waited = page.caught_up = 0
-        page.gil_taken = page.sleeps = page.spins = 0
-        page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
-        page.program_limit = 0
-        page.status = page.closed = page.hung = page.crashed = 0
-        if page.began != 0:
+        layout.tick = -1
+        layout.ticks = layout.missed = layout.dropped = layout.waited = layout.caught_up = 0
+        layout.gil_taken = layout.sleeps = layout.spins = 0
+        layout.frames_received = layout.frames_sent = layout.frames_foreign = layout.frames_malformed = 0
+        layout.program_limit = 0
+        layout.status = layout.closed = layout.hung = layout.crashed = 0
+        if layout.began != 0:
             # of the previous run; a fence of another process stays, and what came before the first run
             self.lower_fence()
-            page.operator.stop = 0
-        memset(&page.lateness, 0, sizeof(Histogram))
-        memset(&page.period, 0, sizeof(Histogram))
-        memset(&page.execution, 0, sizeof(Histogram))
-        memset(&page.gil, 0, sizeof(Histogram))
-        memset(&page.bus, 0, sizeof(Histogram))
-        self.program.live.show(page)
+            layout.operator.stop = 0
+        memset(&layout.lateness, 0, sizeof(Histogram))
+        memset(&layout.period, 0, sizeof(Histogram))
+        memset(&layout.execution, 0, sizeof(Histogram))
+        memset(&layout.gil, 0, sizeof(Histogram))
+        memset(&layout.bus, 0, sizeof(Histogram))
+        self.program.live.show(layout)
 
     cdef void set_state(self, int32_t state) noexcept nogil:
         if self.layout != NULL:
@@ -203,7 +203,7 @@ cdef class Publisher:
 
         Returns False if a signal came while waiting for space.
         """
-        cdef SharedLayout *page = self.layout
+        cdef SharedLayout *layout = self.layout
         cdef int size = 2 + self.program.column_count
         cdef double *kept = self.recent + self.recent_count % self.recent_size * self.width
         cdef double *row
@@ -214,23 +214,23 @@ cdef class Publisher:
         if self.plant is not None:
             self.plant.record(kept + size)
         self.recent_count += 1
-        if page == NULL:
+        if layout == NULL:
             return True
-        row = <double *>reserve(page, ROW, 8 * size)
+        row = <double *>reserve(layout, ROW, 8 * size)
         while row == NULL:
             if not self.virtual:
-                page.dropped += 1
+                layout.dropped += 1
                 return True
             since = monotonic()
             if not self.wait_for_reader():
-                page.dropped += 1
+                layout.dropped += 1
                 return True
-            page.waited += monotonic() - since
+            layout.waited += monotonic() - since
             if self.caught[0]:
                 return False
-            row = <double *>reserve(page, ROW, 8 * size)
+            row = <double *>reserve(layout, ROW, 8 * size)
         memcpy(row, kept, size * sizeof(double))
-        commit(page)
+        commit(layout)
         return True
 
     cdef bint make_room(self, bint stopping) noexcept nogil:
@@ -238,25 +238,25 @@ cdef class Publisher:
 
         Returns False after a signal. `stopping` ignores signals, for a second at most.
         """
-        cdef SharedLayout *page = self.layout
+        cdef SharedLayout *layout = self.layout
         cdef int64_t since
         cdef uint64_t allowed
         cdef int attempts = 1000
         if self.drains and monotonic() - self.drained > DRAIN_PERIOD and not self.drain_here():
             return stopping
-        if page == NULL or not self.virtual:
+        if layout == NULL or not self.virtual:
             return True
-        allowed = min(own(page).capacity - self.most, max(BACKLOG, self.most))
-        if own(page).head - load_u64(&page.tail) <= allowed:
+        allowed = min(own(layout).capacity - self.most, max(BACKLOG, self.most))
+        if own(layout).head - load_u64(&layout.tail) <= allowed:
             return True
         if self.drains:
             return self.drain_here() or stopping
         since = monotonic()
-        while own(page).head - load_u64(&page.tail) > allowed and self.wait_for_reader():
+        while own(layout).head - load_u64(&layout.tail) > allowed and self.wait_for_reader():
             attempts -= 1
-            if attempts == 0 if stopping else self.caught[0] != 0 or load_u64(&page.operator.stop) != 0:
+            if attempts == 0 if stopping else self.caught[0] != 0 or load_u64(&layout.operator.stop) != 0:
                 break
-        page.waited += monotonic() - since
+        layout.waited += monotonic() - since
         return stopping or not self.caught[0]
 
     cdef bint wait_for_reader(self) noexcept nogil:

@@ -31,7 +31,7 @@ cdef class PythonStep:
     cdef void keep(self, double *arena) noexcept nogil
     cdef void put_back(self, double *arena) noexcept nogil
     cdef void reset(self)
-    cdef void publish(self, SharedLayout *page) noexcept nogil
+    cdef void publish(self, SharedLayout *layout) noexcept nogil
     cdef int refuse(self, int index, value) except -1
     cdef int store_array(self, int index, object value, double *arena) except -1
     cdef int store(self, int index, object value, double *arena) except -1

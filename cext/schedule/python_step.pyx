@@ -129,11 +129,11 @@ cdef class PythonStep:
         self.given = self.output_count == 0
         self.has_news = False
 
-    cdef void publish(self, SharedLayout *page) noexcept nogil:
-        """Publish the event of the first held exception, once. `page` may be NULL."""
+    cdef void publish(self, SharedLayout *layout) noexcept nogil:
+        """Publish the event of the first held exception, once. `layout` may be NULL."""
         if self.has_news:
             self.has_news = False
-            self.news.publish(page, self.first_held)
+            self.news.publish(layout, self.first_held)
 
     cdef int attempt(self, double *arena, int64_t tick) except -1:
         """Like `call`, but an exception keeps the outputs, `hold` times in a row. Returns 1 at the first held one.

@@ -115,8 +115,8 @@ cdef class SafeStop:
                 device = &self.table.devices[number]
                 if device.bus == bus and device.bands != NULL:
                     (<SpeedBands>device.bands).note(&self.buses.received[index])
-            if self.buses.page != NULL:
-                self.buses.page.frames_received += not self.buses.received[index].id & ERROR_FRAME
+            if self.buses.layout != NULL:
+                self.buses.layout.frames_received += not self.buses.received[index].id & ERROR_FRAME
                 self.buses.log_frame(&self.buses.received[index])
 
 

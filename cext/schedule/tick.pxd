@@ -6,10 +6,10 @@ from cext.schedule.program cimport Program
 from cext.clock.stopwatch cimport Stopwatch
 from cext.schedule.handover cimport Handover
 
-cdef class Tick:
+cdef class TickBody:
     cdef Program control, plant
-    cdef Publisher journal
-    cdef DeadlineClock pace
+    cdef Publisher publisher
+    cdef DeadlineClock clock
     cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
     cdef bint real_time

@@ -14,7 +14,7 @@ from cext.clock.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Lap
 from cext.schedule.handover cimport acquire, release
 
 
-cdef class Tick:
+cdef class TickBody:
     """Programs of a tick, in order.
 
     plant : Program or None, run `substeps` times at the end of the tick
@@ -22,16 +22,16 @@ cdef class Tick:
     profile : whether every step is timed
     """
 
-    def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal,
+    def __init__(self, Program control, Program plant, int substeps, DeadlineClock clock, Publisher publisher,
             bint real_time, bint profile):
         if substeps < 1:
             raise ValueError("the plant's rate must be an integer multiple of the diagram's")
-        self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
+        self.control, self.plant, self.substeps, self.clock, self.publisher = control, plant, substeps, clock, publisher
         self.real_time = real_time
         self.watch = Stopwatch(control.schedule, profile)
         control.stamp(self.watch if real_time or profile else None)
-        if journal.layout != NULL:
-            self.watch.laps.waits = &journal.layout.gil
+        if publisher.layout != NULL:
+            self.watch.laps.waits = &publisher.layout.gil
         if plant is not None:
             self.plant_watch = Stopwatch(plant.schedule, True) if profile else None
             plant.stamp(self.plant_watch)
@@ -48,7 +48,7 @@ cdef class Tick:
         self.plant_tick = self.plant_due = 0
 
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil:
-        write_clock(self.control.arena, tick, previous, self.pace.rate, late)
+        write_clock(self.control.arena, tick, previous, self.clock.rate, late)
 
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
         """Run a tick, from the mailbox and the first received frame to the last state update.
@@ -59,7 +59,7 @@ cdef class Tick:
         cdef int64_t on_wires = 0
         cdef int status
         store_i32_relaxed(self.control.at, -1)
-        status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
+        status = apply_changes(self.control.live, self.publisher.layout, tick, self.control.arena[DT])
         store_i32_relaxed(self.control.at, RECEIVE)
         if status == OK:
             status = self.control.devices.receive(now)
@@ -83,8 +83,8 @@ cdef class Tick:
             status = self.control.devices.transmit(now)
         if laps != NULL:
             on_wires += lap(laps, TRANSMIT)
-            if self.journal.layout != NULL:
-                add(&self.journal.layout.bus, on_wires, tick)
+            if self.publisher.layout != NULL:
+                add(&self.publisher.layout.bus, on_wires, tick)
         release(self.handover)
         if status == OK:
             status = run_phase(self.control, &self.control.update, tick, previous)
@@ -104,10 +104,10 @@ cdef class Tick:
         if self.plant is None:
             return OK
         for index in range(self.substeps):
-            status = self.step_plant(now + index * self.pace.period / self.substeps)
+            status = self.step_plant(now + index * self.clock.period / self.substeps)
             if status != OK:
                 return status
-        self.plant_due = now + self.pace.period
+        self.plant_due = now + self.clock.period
         return OK
 
     cdef void advance_plant_until(self, int64_t until) noexcept nogil:
@@ -119,11 +119,11 @@ cdef class Tick:
             return
         while self.plant_due < until:
             self.step_plant(self.plant_due)
-            self.plant_due += max(self.pace.period // self.substeps, 1)
+            self.plant_due += max(self.clock.period // self.substeps, 1)
 
     cdef int step_plant(self, int64_t instant) noexcept nogil:
         cdef int status
-        write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, self.pace.rate * self.substeps, 0)
+        write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, self.clock.rate * self.substeps, 0)
         if self.plant.laps != NULL:
             self.plant_watch.begin(self.plant_tick, monotonic())
         status = self.plant.devices.receive(instant)
@@ -156,7 +156,7 @@ cdef class Tick:
         with nogil:
             start = clock(CLOCK_THREAD_CPUTIME_ID)
             for tick in range(ticks):
-                write_clock(self.control.arena, tick, tick - 1, self.pace.rate, 0)
+                write_clock(self.control.arena, tick, tick - 1, self.clock.rate, 0)
                 status = run_phase(self.control, &self.control.output, tick, tick - 1)
                 if status == OK:
                     status = run_phase(self.control, &self.control.update, tick, tick - 1)

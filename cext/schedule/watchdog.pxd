@@ -10,7 +10,7 @@ cdef class Watchdog:
     cdef Handover *handover      # NULL without a watchdog
     cdef Handover shared
     cdef Program program
-    cdef Publisher journal
+    cdef Publisher publisher
     cdef const int32_t *caught
     cdef pthread_t thread, loop
     cdef bint running

@@ -61,11 +61,11 @@ cdef class Watchdog:
     processors : of the thread; those of the loop if empty
     """
 
-    def __init__(self, Program program, Publisher journal, Signals signals, int64_t period, bint wanted, processors):
+    def __init__(self, Program program, Publisher publisher, Signals signals, int64_t period, bint wanted, processors):
         CPU_ZERO(&self.processors)
         for number in processors:
             CPU_SET(number, &self.processors)
-        self.program, self.journal, self.caught = program, journal, signals.caught
+        self.program, self.publisher, self.caught = program, publisher, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
         self.handover = &self.shared if wanted else NULL
@@ -166,18 +166,18 @@ cdef class Watchdog:
         store_i32(&self.hung, 1)
         if in_run:
             self.at = sample(self.loop)
-        self.journal.report_hang(self.at)
-        self.journal.raise_fence()
+        self.publisher.report_hang(self.at)
+        self.publisher.raise_fence()
         while not load_i32(&self.leave):
             if in_run and self.at < 0:      # the loop's thread was not scheduled in time
                 self.at = sample(self.loop)
-                self.journal.report_hang(self.at)
+                self.publisher.report_hang(self.at)
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
             if not mine and take_over(&self.shared):
                 mine = True
                 self.program.devices.stop.begin(now - self.zero)
-            if mine and now >= due and not self.journal.guardian_stops(now):
+            if mine and now >= due and not self.publisher.guardian_stops(now):
                 self.program.devices.stop.note_speeds()
                 due = began - damped + self.program.devices.stop.send(
                     now - began + damped, now - self.zero, STOP_ROUND)
@@ -194,7 +194,7 @@ cdef class Watchdog:
                 self.sleep(nudge if over else now + BUS_TAKEOVER_PERIOD)
 
     cdef bint running_ticks(self) noexcept nogil:
-        return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING
+        return self.publisher.layout == NULL or load_i32(&self.publisher.layout.state) == RUNNING
 
 
 cdef void name_and_priority(int priority) noexcept nogil:

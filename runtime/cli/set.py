@@ -12,7 +12,7 @@ from runtime.host.console.terminal import print_lines, program
 from runtime.host.errors import OK, BadInput
 from runtime.host.live import table
 from runtime.host.live.requests import changes_of
-from runtime.host.live.running import page_of, runs
+from runtime.host.live.running import runs, shared_state_of
 from runtime.host.live.sending import batches, send, stop
 from runtime.host.options import settings
 
@@ -44,11 +44,11 @@ def main(arguments: Sequence[str]) -> int:
     if options.stop:
         if options.settings:
             raise BadInput("--stop and PATH=VALUE exclude each other: the run ends")
-        page = find(int(options.pid))
-        earlier = stop(page, int(options.pid))
+        shared = find(int(options.pid))
+        earlier = stop(shared, int(options.pid))
         what = "was being stopped already" if earlier else "was stopped"
         print_lines(
-            [f"{table.read(page).name} (process {options.pid}) {what} after tick {page.statistics()['last_tick']}"]
+            [f"{table.read(shared).name} (process {options.pid}) {what} after tick {shared.statistics()['last_tick']}"]
         )
         return OK
     print_lines(set_live(int(options.pid), settings(options.settings, "")))
@@ -64,38 +64,38 @@ def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
 
     Raises BadInput; then no parameter was changed unless the text states otherwise.
     """
-    page = find(pid)
-    run_table = table.read(page)
+    shared = find(pid)
+    run_table = table.read(shared)
     if not run_table.parameters:
         raise BadInput(
             f"{run_table.name} (process {pid}) has no live parameters: declare one with Param(..., "
             "live=True) or Live(...)"
         )
     if not settings:
-        return listing(pid, page, run_table)
+        return listing(pid, shared, run_table)
     changes = batches([changes_of(run_table, name, text) for name, text in settings], run_table.rules)
-    return [text for batch in changes for text in sent(page, run_table, pid, batch)]
+    return [text for batch in changes for text in sent(shared, run_table, pid, batch)]
 
 
 def find(pid: int) -> SharedState:
     """Return the SharedState of a run. Raises BadInput, with the present runs."""
     try:
-        page = page_of(pid)
-        if page is not None and page.live and not page.closed:
-            return page
+        shared = shared_state_of(pid)
+        if shared is not None and shared.live and not shared.closed:
+            return shared
         problem = "is not a run of a diagram" if os.path.exists(f"/proc/{pid}") else "does not exist"
     except PermissionError:
         problem = "belongs to another user or has more privileges"
-    others = [f"{other} ({table.read(page).name})" for other, page in sorted(runs().items())]
+    others = [f"{other} ({table.read(shared).name})" for other, shared in sorted(runs().items())]
     raise BadInput(
         f"process {pid} {problem}; " + (f"runs are {', '.join(others)}" if others else "no run of this user exists")
     )
 
 
-def sent(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
+def sent(shared: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
     """Send changes and return their lines. Raises BadInput as `send` does."""
-    before = table.values(page, run_table.parameters)
-    tick = send(page, run_table, pid, changes)
+    before = table.values(shared, run_table.parameters)
+    tick = send(shared, run_table, pid, changes)
     return [line(parameter, before[parameter.index][0], value, tick, run_table.rate) for parameter, value in changes]
 
 
@@ -106,13 +106,13 @@ def line(parameter: Parameter, before: float, value: float, tick: int, rate: flo
     return text + (f", over {seconds:.3g} s" if seconds * rate > 1.0 else "")
 
 
-def listing(pid: int, page: SharedState, run_table: Table) -> list[str]:
+def listing(pid: int, shared: SharedState, run_table: Table) -> list[str]:
     """Return lines of the live parameters with values, bounds and units."""
-    tick = page.statistics()["last_tick"]
+    tick = shared.statistics()["last_tick"]
     when = f", tick {tick}" if tick >= 0 else ""
-    lines = [f"{run_table.name} (process {pid}, {page.state}{when})"]
+    lines = [f"{run_table.name} (process {pid}, {shared.state}{when})"]
     width = max(len(parameter.path) for parameter in run_table.parameters)
-    for parameter, (value, target) in zip(run_table.parameters, table.values(page, run_table.parameters)):
+    for parameter, (value, target) in zip(run_table.parameters, table.values(shared, run_table.parameters)):
         text = parameter.shown(value) + (f", ramping to {parameter.shown(target)}" if value != target else "")
         more = [parameter.bounds, f"built as {parameter.shown(parameter.built)}"]
         if math.isfinite(parameter.slew):

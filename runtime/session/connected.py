@@ -54,11 +54,11 @@ class ConnectedRobot:
         if not self._run.start():
             self._finish()
             raise RunFault(self.trial.fault) if self.trial.fault is not None else BadInput(ENDED)
-        page = self._run.page
-        assert page is not None
-        self._page, self._writer, self._table = page, Writer(page), table.read(page)
+        shared = self._run.shared
+        assert shared is not None
+        self._page, self._writer, self._table = shared, Writer(shared), table.read(shared)
         self._columns = {path: (index, dtype) for index, (path, dtype, _) in enumerate(self._table.signals)}
-        self._row = NewestRow(page, len(self._columns))
+        self._row = NewestRow(shared, len(self._columns))
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -31,7 +31,7 @@ from runtime.host.console.cell import in_cell
 from runtime.host.console.confirm import discard_typed
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, BadInput
 from runtime.host.live.requests import as_text
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.host.suggestions import unknown_option
 from runtime.record.analysis.trial import Trial
 from runtime.session.request import Request
@@ -130,7 +130,7 @@ class RunProcess:
 
     def __init__(self, arguments: list[str], asks: bool) -> None:
         self.asks, self.interrupts = asks, 0
-        self.page: SharedState | None = None
+        self.shared: SharedState | None = None
         self.lines: list[str] | None = []  # that were not printed yet: an error, if nothing follows; None: print
         self.unfinished, self.report, self.status, self.status_due = "", b"", "", 0.0
         self.decode = getincrementaldecoder("utf-8")("replace").decode
@@ -183,11 +183,11 @@ class RunProcess:
         if self.child.returncode is not None:
             return
         try:
-            if self.page is not None:
-                Writer(self.page).stop()
+            if self.shared is not None:
+                Writer(self.shared).stop()
             until = time.monotonic() + END_TIMEOUT
             while not self.look(POLL_PERIOD):
-                if self.page is None or time.monotonic() > until:
+                if self.shared is None or time.monotonic() > until:
                     self._stop()
                     return
         except BaseException:
@@ -286,15 +286,15 @@ class RunProcess:
 
     def _state(self) -> str:
         """Return the state of the run; "init" before it has one."""
-        if self.page is None:
+        if self.shared is None:
             with suppress(PermissionError):
-                self.page = page_of(self.child.pid)
-        return "init" if self.page is None else self.page.state
+                self.shared = shared_state_of(self.child.pid)
+        return "init" if self.shared is None else self.shared.state
 
     def _confirm(self) -> None:
         """Ask whether the robot may be armed, and pass the answer on. Raises BadInput where input() cannot ask."""
-        assert self.page is not None
-        question = self.page.question
+        assert self.shared is not None
+        question = self.shared.question
         discard_typed()
         try:
             ends = input(PROMPT).strip().lower().startswith("q")
@@ -304,9 +304,9 @@ class RunProcess:
                 "nothing was armed. Run where input() works, or pass yes=True to arm without confirmation"
             ) from None
         if ends:
-            Writer(self.page, "keys").stop()
+            Writer(self.shared, "keys").stop()
         else:
-            Writer(self.page).confirm(question)
+            Writer(self.shared).confirm(question)
         until = time.monotonic() + ANSWER_TIMEOUT
         while self._state() == "ready" and time.monotonic() < until and not self.look(POLL_PERIOD):
             pass

@@ -36,8 +36,10 @@ class Rearming:
     keys : whether there is a terminal for the key r
     """
 
-    def __init__(self, prepared: Prepared, page: SharedState, control: Program, executor: Executor, keys: bool) -> None:
-        self.prepared, self.page, self.control, self.executor, self.keys = prepared, page, control, executor, keys
+    def __init__(
+        self, prepared: Prepared, shared: SharedState, control: Program, executor: Executor, keys: bool
+    ) -> None:
+        self.prepared, self.shared, self.control, self.executor, self.keys = prepared, shared, control, executor, keys
         self.slots = requests(prepared.diagram, prepared.schedule)
         self.enabled = prepared.request.rearm or bool(self.slots)
         self.fault, self.report = None, []  # Outcome of the newest fault, and its lines
@@ -74,8 +76,8 @@ class Rearming:
         else:
             event["lines"] = [f"arming again at tick {outcome.tick}"]
         if kind != "rearm":
-            event["question"] = self.page.question
-        self.page.push(RECORD_EVENT, json.dumps(event).encode())
+            event["question"] = self.shared.question
+        self.shared.push(RECORD_EVENT, json.dumps(event).encode())
 
     def instructions(self) -> str:
         """Return the text of what the operator can do now."""
@@ -99,10 +101,10 @@ class Rearming:
             **{
                 **vars(self.prepared),
                 "rig": None,
-                "page": self.page,
+                "shared": self.shared,
                 "outcome": outcome,
                 "control": self.control,
-                "statistics": self.page.statistics(),
+                "statistics": self.shared.statistics(),
                 "overruns": self.executor.overruns,
                 "newest": self.executor.newest,
                 "failed_in_plant": False,

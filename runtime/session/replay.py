@@ -108,7 +108,7 @@ class ReplaySession(Session):
 
     def recorder_of(self) -> RecorderProcess | LocalRecorder:
         """Return the recorder: a process if the replay is recorded, else the comparison in this process."""
-        return LocalRecorder(self.page, self.receive) if self.request.no_record else super().recorder_of()
+        return LocalRecorder(self.shared, self.receive) if self.request.no_record else super().recorder_of()
 
     def receive(self, rows: np.ndarray, sent: np.ndarray, before: np.ndarray) -> None:
         """Compare a block of the replay.

@@ -23,7 +23,7 @@ class Result(Prepared):
     control : the robot's Program at the end of the run
     realtime : privileges that the system has granted; None in virtual time without processes
     overruns, profile, newest : of cext.schedule.executor.Executor
-    page : the shared state with the final counts
+    shared : the shared state with the final counts
     report : lines on the fault that ended the run
     waited : s for which the loop's thread was ready to run and had no processor
     stalled : number of missed grid points at which simulated time stood still
@@ -37,7 +37,7 @@ class Result(Prepared):
     realtime: Realtime | None
     overruns: list[dict[str, Any]]
     profile: tuple[list[dict[str, Any]], list[dict[str, Any]]]
-    page: SharedState | None
+    shared: SharedState | None
     newest: list[tuple]
     report: list[str] = field(default_factory=list)
     waited: float = 0.0

@@ -75,13 +75,13 @@ class Session:
         """
         request, rig = self.request, self.rig
         with ExitStack() as undo:
-            self.page = SharedState(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
+            self.shared = SharedState(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
                 self.inhibitor = SleepInhibitor(f"{self.prepared.diagram.name} drives motors")
                 undo.callback(self.inhibitor.release)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
-                rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
+                rig.watch(self.shared, self.prepared.schedule, self.prepared.diagram, priority)
             # before the priority, memory lock and processor of the loop
             self.recorder = self.recorder_of()
             undo.callback(self.recorder.abandon)
@@ -98,22 +98,22 @@ class Session:
             self.control = Program(self.prepared.schedule, self.prepared.ends())
             self.control.count_from(self.count_from)
             self.executor = self.loop(aside)
-            self.rearming = Rearming(self.prepared, self.page, self.control, self.executor, can_ask())
+            self.rearming = Rearming(self.prepared, self.shared, self.control, self.executor, can_ask())
             self.realtime.prefault()
             undo.pop_all()
 
     def recorder_of(self) -> RecorderProcess | LocalRecorder:
         """Return the recorder of the run: a process, or a LocalRecorder where nothing is recorded."""
         if needs_process(self.prepared):
-            return RecorderProcess(self.page)
+            return RecorderProcess(self.shared)
         from runtime.record.recorder.local import LocalRecorder
 
-        return LocalRecorder(self.page)
+        return LocalRecorder(self.shared)
 
     def key_reader(self, aside: Collection[int]) -> KeyReader | None:
         """Begin to read the keys of the terminal. aside : numbers of the processors for other threads"""
         terminal = getattr(self.recorder, "terminal", None)
-        return None if terminal is None else KeyReader(self.page, terminal, aside)
+        return None if terminal is None else KeyReader(self.shared, terminal, aside)
 
     def plan(self) -> dict[str, Any]:
         """Return the plan of the recorder."""
@@ -145,11 +145,11 @@ class Session:
             self.prepared.schedule.rate,
             plant=self.prepared.plant,
             substeps=self.prepared.substeps,
-            page=self.page,
+            shared=self.shared,
             virtual=request.fast,
             reader=self.recorder.lifeline,
             drain=getattr(self.recorder, "drain", None),
-            tape=None if self.prepared.feed is None else self.prepared.feed.clock,
+            replay=None if self.prepared.feed is None else self.prepared.feed.clock,
             overrun=request.overrun,
             spin=request.spin,
             profile=request.profile,
@@ -163,7 +163,7 @@ class Session:
         """Run until the end, whatever ends it, and finish. Returns a Result."""
         outcome, began = None, time.monotonic()
         self.waited = processor_wait()
-        handler = one_interrupt(self.page)
+        handler = one_interrupt(self.shared)
         try:
             raise_if_interrupted()
             outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
@@ -175,7 +175,7 @@ class Session:
 
     def confirmation(self) -> dict[str, Any]:
         """Return options of Executor.run: on a rig the operator reads the pre-flight table and confirms it."""
-        rig, page, control = self.rig, self.page, self.control
+        rig, shared, control = self.rig, self.shared, self.control
         if rig is None or rig.guardian is None:
             return {}
         poses = self.prepared.poses
@@ -191,8 +191,8 @@ class Session:
 
         def show() -> None:
             event = table.event(control.values, control.reports.found_enabled)
-            event |= {"question": page.question} if table.confirm else {}
-            page.push(RECORD_EVENT, json.dumps(event).encode())
+            event |= {"question": shared.question} if table.confirm else {}
+            shared.push(RECORD_EVENT, json.dumps(event).encode())
 
         def permitted() -> bool:
             """Return whether the reading of every joint is confirmed.
@@ -201,13 +201,13 @@ class Session:
             """
             enabling = control.reports.enabling
             unheard = () if enabling else table.unheard
-            if poses is None or not poses.look(control.values, first=page.state != "waiting", unheard=unheard):
-                if page.state != "waiting" and not enabling:  # the replay enables the drives in the same round
-                    page.push(
+            if poses is None or not poses.look(control.values, first=shared.state != "waiting", unheard=unheard):
+                if shared.state != "waiting" and not enabling:  # the replay enables the drives in the same round
+                    shared.push(
                         RECORD_EVENT, json.dumps({"event": "confirmed", "drains": self.executor.arming_rounds}).encode()
                     )
                 return True
-            if page.state == "ready":
+            if shared.state == "ready":
                 show()
             return False
 
@@ -232,12 +232,12 @@ class Session:
         if self.keys is not None:
             self.keys.stop()
         if self.rig is not None and outcome is not None:
-            outcome = stopped_from_here(outcome, self.rig, self.page, self.request.stop_for)
-            outcome = stopped_late(outcome, self.rig, self.page, self.request.stop_for)
+            outcome = stopped_from_here(outcome, self.rig, self.shared, self.request.stop_for)
+            outcome = stopped_late(outcome, self.rig, self.shared, self.request.stop_for)
         self.realtime.release()
         if self.realtime.spun:
             self.record({"event": "realtime", "lost": "the priority", "because": self.realtime.summary()})
-        statistics = self.page.statistics()
+        statistics = self.shared.statistics()
         if self.rig is not None:
             self.record({"event": "buses", **self.rig.finish()})
             assert self.rig.report is not None
@@ -248,7 +248,7 @@ class Session:
         result = None if outcome is None else self.result(outcome, statistics, seconds)
         if result is not None:
             self.record(result.end_event())
-        self.page.close()
+        self.shared.close()
         report = self.recorder.finish()
         if result is not None:
             result.recording.update(report)
@@ -267,7 +267,7 @@ class Session:
             overruns=self.executor.overruns,
             stalled=self.executor.stalled,
             profile=self.executor.profile,
-            page=self.page,
+            shared=self.shared,
             newest=self.executor.newest,
             waited=processor_wait() - self.waited,
         )
@@ -278,19 +278,19 @@ class Session:
     def record(self, event: Mapping[str, Any]) -> None:
         """Put an event into the ring, which the recorder may still be emptying. Waits up to EVENT_TIMEOUT for room."""
         payload, deadline = json.dumps(event).encode(), time.monotonic() + EVENT_TIMEOUT
-        while not self.page.push(RECORD_EVENT, payload) and time.monotonic() < deadline:
+        while not self.shared.push(RECORD_EVENT, payload) and time.monotonic() < deadline:
             if not self.recorder.make_room(POLL_PERIOD):
                 break
 
 
-def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: float | None) -> Outcome:
+def stopped_from_here(outcome: Outcome, rig: RigBuses, shared: SharedState, seconds: float | None) -> Outcome:
     """Stop the actuators from this process if the guardian that carries their frames no longer answers.
 
     seconds : as in `stopped_late`
 
     Returns the Outcome.
     """
-    if outcome.status != "unguarded" and not (outcome.unconfirmed and rig.carries and not guardian_looks(page)):
+    if outcome.status != "unguarded" and not (outcome.unconfirmed and rig.carries and not guardian_looks(shared)):
         return outcome
     if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
         outcome = replace(outcome, status="unguarded", culprit=None)
@@ -310,7 +310,7 @@ def time_to_stop(seconds: float | None) -> float:
     return seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
 
 
-def stopped_late(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: float | None) -> Outcome:
+def stopped_late(outcome: Outcome, rig: RigBuses, shared: SharedState, seconds: float | None) -> Outcome:
     """Let the guardian continue the stop of actuators that have not confirmed it, or continue it here if that dies.
 
     seconds : time for which it continues; None for the default: until the operator sends a signal, such as Ctrl-C,
@@ -323,7 +323,7 @@ def stopped_late(outcome: Outcome, rig: RigBuses, page: SharedState, seconds: fl
     with caught_signals() as caught:
         rig.leave_sensors()
         report = rig.guardian.go_on(outcome.unconfirmed, time_to_stop(seconds), lambda: bool(caught))
-    if report is None and not caught and not guardian_looks(page):
+    if report is None and not caught and not guardian_looks(shared):
         return taken_over(outcome, rig, seconds)
     if report is None:
         return outcome
@@ -343,17 +343,17 @@ def caught_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def guardian_looks(page: SharedState) -> bool:
+def guardian_looks(shared: SharedState) -> bool:
     """Return whether the guardian reads the shared state within GUARDIAN_LOOK_LIMIT (ns)."""
-    if page.guardian_died:
+    if shared.guardian_died:
         return False
-    before, deadline = page.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
-    while page.guarded == before and time.monotonic() < deadline:
+    before, deadline = shared.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
+    while shared.guarded == before and time.monotonic() < deadline:
         time.sleep(POLL_PERIOD)
-    return page.guarded != before
+    return shared.guarded != before
 
 
-def one_interrupt(page: SharedState) -> Handler:
+def one_interrupt(shared: SharedState) -> Handler:
     """Ignore Ctrl-C once the motors are being stopped: a second one finds Python's handler.
 
     Returns the handler before.
@@ -362,7 +362,7 @@ def one_interrupt(page: SharedState) -> Handler:
     before = signal.getsignal(signal.SIGINT)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if page.state not in ("stopping", "safe"):
+        if shared.state not in ("stopping", "safe"):
             (before if callable(before) else signal.default_int_handler)(number, frame)
 
     return signal.signal(signal.SIGINT, interrupt)

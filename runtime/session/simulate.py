@@ -348,7 +348,7 @@ class SimulatedRun:
             realtime=None,
             overruns=executor.overruns,
             profile=executor.profile,
-            page=None,
+            shared=None,
             newest=executor.newest,
         )
         if outcome.faulted:

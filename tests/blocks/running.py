@@ -42,14 +42,14 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
         before(buses)
     width = 2 + len(schedule.columns)
     size = 8 * width  # bytes of a row
-    page = SharedState((size + 8 + 800) * (ticks + 1000) if schedule.buses else (size + 8) * (ticks + 10))
-    outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(
+    shared = SharedState((size + 8 + 800) * (ticks + 1000) if schedule.buses else (size + 8) * (ticks + 10))
+    outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, shared=shared, virtual=True).run(
         ticks, fade=fade
     )
-    records = page.drain(1 << 30)
-    assert page.statistics()["dropped"] == 0
+    records = shared.drain(1 << 30)
+    assert shared.statistics()["dropped"] == 0
     rows = np.frombuffer(b"".join(payload for kind, payload in records if kind == RECORD_ROW)).reshape(-1, width)
-    return Recording(schedule.sinks[0].columns, rows, schedule.rate, outcome, page.statistics(), buses)
+    return Recording(schedule.sinks[0].columns, rows, schedule.rate, outcome, shared.statistics(), buses)
 
 
 def player(values, unit="any", dtype=float):

@@ -283,7 +283,7 @@ def test_drives_are_armed_after_the_relay_has_closed():
     first_command = next(frame for frame in rig.frames if frame.sent and frame.id == 1)
     assert first_command.data == ENABLE and first_command.time == round(START_UP * 1e9)
     found = pulses(rig)
-    assert found[0][0] == 0 and found[-1][0] == rig.page.first_tick + 99 * PERIOD
+    assert found[0][0] == 0 and found[-1][0] == rig.shared.first_tick + 99 * PERIOD
     assert_toggled(found)
     assert list(rig["pump.changes"]) == [*range(len(found) - 99, len(found) + 1)] and not any(rig["pump.fault"])
     assert len(rig.commands()) == 100
@@ -292,7 +292,7 @@ def test_drives_are_armed_after_the_relay_has_closed():
 def test_the_relay_holds_during_confirmation():
     rig = rig_of()
     seen = []
-    outcome = rig.run(20, answered=lambda: seen.append(rig.page.state), confirm=False)
+    outcome = rig.run(20, answered=lambda: seen.append(rig.shared.state), confirm=False)
     assert outcome.status == "ok" and seen
     assert_toggled(pulses(rig))
 
@@ -301,14 +301,14 @@ def test_the_relay_holds_during_confirmation():
     "what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"]
 )
 def test_no_pulse_follows_the_fence_after_any_end_of_the_run(what):
-    page = SharedState(1 << 21)
-    law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
+    shared = SharedState(1 << 21)
+    law = {"an exception": torn, "the fence of another process": shared.raise_fence}.get(what, lambda: None)
 
     def more():
         if what == "an emergency stop":
             EmergencyStop()(player([False] * 40 + [True], "1", bool))
 
-    rig = rig_of(law, more, options={"page": page})
+    rig = rig_of(law, more, options={"shared": shared})
     if what == "NaN":
         robot = robot_with_pump()
         with robot:
@@ -323,8 +323,8 @@ def test_no_pulse_follows_the_fence_after_any_end_of_the_run(what):
     found = pulses(rig)
     assert_toggled(found)
     last = 40 if what == "the end" else 39
-    assert found[-1][0] == rig.page.first_tick + last * PERIOD < stop_of(rig)
-    assert rig.page.fenced and rig.page.state == "safe"
+    assert found[-1][0] == rig.shared.first_tick + last * PERIOD < stop_of(rig)
+    assert rig.shared.fenced and rig.shared.state == "safe"
 
 
 def test_the_line_stops_toggling_when_arming_fails():
@@ -341,7 +341,7 @@ def test_the_relay_stays_closed_until_a_damped_joint_is_disabled():
     outcome = rig.run(100)
     assert outcome.status == "exception" and outcome.unconfirmed == ()
     found = pulses(rig)
-    assert stop_of(rig) - (rig.page.first_tick + 40 * PERIOD) == pytest.approx(0.3e9, abs=2 * PERIOD)
+    assert stop_of(rig) - (rig.shared.first_tick + 40 * PERIOD) == pytest.approx(0.3e9, abs=2 * PERIOD)
     assert 0 < stop_of(rig) - found[-1][0] <= 2 * PERIOD
     assert_toggled(found, missing=1)  # the tick that raised
 
@@ -356,7 +356,7 @@ def test_a_safe_stop_does_not_close_an_open_relay():
     rig = rig_of(late, plant=True, options={"virtual": False}, safe_stop="damp", stop_time=0.2, timeout=0.0)
     outcome = rig.run(100)
     assert outcome.status == "exception"
-    assert pulses(rig)[-1][0] < rig.page.first_tick + 40 * PERIOD
+    assert pulses(rig)[-1][0] < rig.shared.first_tick + 40 * PERIOD
 
 
 def test_a_run_that_waits_to_be_armed_again_sends_no_pulse():
@@ -364,7 +364,7 @@ def test_a_run_that_waits_to_be_armed_again_sends_no_pulse():
     outcome = rig.run(120, rearm=[])
     assert outcome.status == "exception" and len(rig.tick) > 100
     found = pulses(rig)
-    assert found[-1][0] == rig.page.first_tick + 39 * PERIOD
+    assert found[-1][0] == rig.shared.first_tick + 39 * PERIOD
 
 
 def test_lost_line_ends_run_at_once():

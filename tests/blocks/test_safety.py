@@ -214,8 +214,8 @@ def test_a_press_while_arming_that_is_released_before_the_first_tick_ends_it(pre
 
 
 def test_released_press_during_pre_flight_ends_run_before_confirmation():
-    rig = heartbeat_rig(pressed=lambda: Window(0.3, 0.321, lambda: writer.confirm(rig.page.question), name="press").y)
-    writer = Writer(rig.page, "keys")
+    rig = heartbeat_rig(pressed=lambda: Window(0.3, 0.321, lambda: writer.confirm(rig.shared.question), name="press").y)
+    writer = Writer(rig.shared, "keys")
     outcome = rig.run(10, answered=lambda: None, confirm=True)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1)
     assert set(rig.sent()) == {NOTHING, DISABLE}

@@ -50,11 +50,11 @@ class Rig:
     """A robot, its plant and the page between them.
 
     robot, plant : Diagrams
-    page : capacity of the ring in bytes, or a SharedState
+    shared : capacity of the ring in bytes, or a SharedState
     options : of the Executor
     """
 
-    def __init__(self, robot, plant=None, *, page=1 << 21, virtual=True, record=True, **options):
+    def __init__(self, robot, plant=None, *, shared=1 << 21, virtual=True, record=True, **options):
         if record and not any(isinstance(block, CsvRecorder) for block in robot):
             with robot:
                 CsvRecorder()
@@ -66,13 +66,13 @@ class Rig:
             model = compile(plant)
             self.plant = Program(model, [self.buses[name].device for name in model.buses])
             substeps = round(plant.rate / robot.rate)
-        self.page = page if isinstance(page, SharedState) else SharedState(page)
+        self.shared = shared if isinstance(shared, SharedState) else SharedState(shared)
         self.executor = Executor(
             self.control,
             self.schedule.rate,
             plant=self.plant,
             substeps=substeps,
-            page=self.page,
+            shared=self.shared,
             virtual=virtual,
             **options,
         )
@@ -82,7 +82,7 @@ class Rig:
         outcome = self.executor.run(ticks, **options)
         width = 2 + len(self.schedule.columns)
         rows, self.frames, self.changes, self.events = [], [], [], []
-        for kind, record in self.page.drain(1 << 30):
+        for kind, record in self.shared.drain(1 << 30):
             if kind == RECORD_ROW:
                 rows.append(struct.unpack(f"={width}d", record))
             elif kind == RECORD_FRAME:
@@ -117,7 +117,7 @@ class Rig:
         return data
 
     def statistics(self):
-        return self.page.statistics()
+        return self.shared.statistics()
 
 
 def plant_of(robot, *, substeps=5, **parameters):
@@ -134,7 +134,7 @@ def plant_of(robot, *, substeps=5, **parameters):
 
 def ends_in_the_safe_stop(rig, can_id=1):
     """Whether the last frames to a drive are zero torque, then disable, behind the fence."""
-    return rig.sent(can_id)[-2:] == STOP and rig.page.fenced and rig.page.state == "safe"
+    return rig.sent(can_id)[-2:] == STOP and rig.shared.fenced and rig.shared.state == "safe"
 
 
 def one_drive(law, *, rate=200, virtual=True, plant=True, options=None, **parameters):

@@ -206,7 +206,7 @@ def cost(path, network):
             zero = Constant(0.0, unit="rad")(), Constant(0.0, unit="rad/s")()
             for _ in range(count):
                 OnnxModel(str(path))(**{each["name"]: zero[each["unit"] == "rad/s"] for each in network.channels})
-        executor = Executor(Program(compile(diagram), []), RATE, page=SharedState(1 << 16), virtual=True)
+        executor = Executor(Program(compile(diagram), []), RATE, shared=SharedState(1 << 16), virtual=True)
         begin = time.process_time()
         executor.run(ticks)
         return (time.process_time() - begin) / ticks

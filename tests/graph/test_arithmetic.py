@@ -27,9 +27,9 @@ def last(diagram, ticks=3):
     with diagram:
         CsvRecorder()
     schedule = compile(diagram)
-    page = SharedState(1 << 20)
-    assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
-    row = [np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW][-1]
+    shared = SharedState(1 << 20)
+    assert Executor(Program(schedule), diagram.rate, shared=shared, virtual=True).run(ticks).status == "ok"
+    row = [np.frombuffer(payload) for kind, payload in shared.drain() if kind == RECORD_ROW][-1]
     return {c.path: row[2 + c.index] for c in schedule.sinks[0].columns}, {
         path: place.unit for path, place in schedule.signals.items()
     }

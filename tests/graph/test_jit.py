@@ -73,9 +73,9 @@ def trace(kind, ticks=400):
         )
         CsvRecorder()
     schedule = compile(diagram)
-    page = SharedState(1 << 20)
-    assert Executor(Program(schedule), 100.0, page=page, virtual=True).run(ticks).status == "ok"
-    return schedule, np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
+    shared = SharedState(1 << 20)
+    assert Executor(Program(schedule), 100.0, shared=shared, virtual=True).run(ticks).status == "ok"
+    return schedule, np.array([np.frombuffer(payload) for kind, payload in shared.drain() if kind == RECORD_ROW])
 
 
 @NUMBA

@@ -44,9 +44,9 @@ def trace(diagram, ticks):
     with diagram:
         CsvRecorder()
     schedule = compile(diagram)
-    page = SharedState(1 << 20)
-    assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
-    rows = np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
+    shared = SharedState(1 << 20)
+    assert Executor(Program(schedule), diagram.rate, shared=shared, virtual=True).run(ticks).status == "ok"
+    rows = np.array([np.frombuffer(payload) for kind, payload in shared.drain() if kind == RECORD_ROW])
     return {column.path: rows[:, 2 + column.index] for column in schedule.sinks[0].columns}
 
 

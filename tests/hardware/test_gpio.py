@@ -99,9 +99,9 @@ class RealLines(Rig):
                 Program(model, [memory[name].device for name in model.buses]),
                 round(plant.rate / robot.rate),
             )
-        self.page = SharedState(1 << 24)
+        self.shared = SharedState(1 << 24)
         self.executor = Executor(
-            self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=False
+            self.control, self.schedule.rate, plant=self.plant, substeps=substeps, shared=self.shared, virtual=False
         )
 
     def run(self, ticks, meanwhile=lambda: None):
@@ -238,7 +238,7 @@ def test_a_charge_pump_toggles_its_line_only_while_arming_and_in_every_tick(chip
     rig, seen = RealLines(robot), []
     outcome = rig.run(30, lambda: watch(chip, "SYNC", 3.0, seen))
     assert outcome.status == "ok"
-    ended = rig.page.began * 1e-9 + rig.page.first_tick * 1e-9 + 30 / 20
+    ended = rig.shared.began * 1e-9 + rig.shared.first_tick * 1e-9 + 30 / 20
     found = edges(seen)
     assert set(np.diff(rig["pump.changes"])) == {1.0}  # one change a tick, as many as were not missed
     assert 20 <= len([when for when in found if when < ended]) <= rig["pump.changes"][-1]

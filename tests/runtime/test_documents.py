@@ -11,7 +11,7 @@ import pytest
 
 import runtime
 from runtime.host.errors import OK
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.setup.bench import blocks
 from tests.docs.fences import agree, without_numbers
 from tests.peers import __main__ as peers
@@ -75,12 +75,12 @@ def test_the_readmes_diagram_moves(sample):
 
 def test_the_readme_has_the_figures_of_the_speed_page():
     knee = "\n".join(shown_after(SPEED, "tests.peers")).split("\n\n")[0]
-    page = re.findall(r"^  (\w.*?)  +[\d.]+ +([\d.]+)", knee, re.MULTILINE)
+    shared = re.findall(r"^  (\w.*?)  +[\d.]+ +([\d.]+)", knee, re.MULTILINE)
     rows = re.findall(r"^\| (Tickwork, .*|0\.\d.*) \|$", README, re.MULTILINE)
     names, values = (row.split(" | ") for row in rows)
     assert len(names) == len(values) == 6
     for name, value in zip(names, values):
-        median = next(float(text) for full, text in page if full.startswith(name))  # fused is the first
+        median = next(float(text) for full, text in shared if full.startswith(name))  # fused is the first
         assert float(value) == pytest.approx(median, rel=0.02), name
 
 
@@ -182,7 +182,7 @@ def test_set_prints_the_output_of_the_page(tmp_path):
     commands = [number for number, line in enumerate(shown) if line.startswith("$ ")]
     run = started("hold.py", "--no-record", cwd=tmp_path)
     try:
-        patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 0)
+        patient(lambda: (shared := shared_state_of(run.pid)) and shared.statistics()["ticks"] > 0)
         for first, last in zip(commands, [*commands[1:], len(shown)]):
             words = shown[first].removeprefix("$ python -m runtime ").replace("4711", str(run.pid)).split()
             process = finished(*words, cwd=tmp_path)

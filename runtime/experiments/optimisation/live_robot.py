@@ -141,24 +141,24 @@ def with_initial(parameters: Iterable[Parameter], run_table: Table) -> list[Para
 class LiveRobot(Robot):
     """Run of another process.
 
-    page : its shared state
+    shared : its shared state
     targets : Targets
     announce : function that is called before each change
     """
 
-    def __init__(self, page: SharedState, targets: Targets, announce: Callable[[], None] = lambda: None) -> None:
-        self.page, self.targets, self.table, self.announce = page, targets, table.read(page), announce
+    def __init__(self, shared: SharedState, targets: Targets, announce: Callable[[], None] = lambda: None) -> None:
+        self.shared, self.targets, self.table, self.announce = shared, targets, table.read(shared), announce
         self.applied: dict[int, float] = {}  # {index: value}
 
     @property
     def running(self) -> bool:
         """Whether the loop runs, armed and without a fault."""
-        return self.page.state == "running" and not self.page.closed
+        return self.shared.state == "running" and not self.shared.closed
 
     @property
     def tick(self) -> int:
         """Newest tick."""
-        return self.page.statistics()["last_tick"]
+        return self.shared.statistics()["last_tick"]
 
     def apply(self, values: Mapping[str, float], zero: bool) -> bool:
         self.announce()
@@ -167,7 +167,7 @@ class LiveRobot(Robot):
         differing = [(live, value) for live, value in changes if before[live.index][1] != value]
         if differing:
             try:
-                send(self.page, self.table, self.page.control, differing)
+                send(self.shared, self.table, self.shared.control, differing)
             except BadInput as error:
                 raise Refused(str(error)) from None
         self.applied = {live.index: value for live, value in changes}
@@ -199,4 +199,4 @@ class LiveRobot(Robot):
         )
 
     def _values(self):
-        return table.values(self.page, self.table.parameters)
+        return table.values(self.shared, self.table.parameters)

@@ -44,15 +44,15 @@ STALE = -1  # question of a key that was pressed too long ago
 class OptimiserProcess(ChildProcess):
     """The optimiser process of one run. Spawned at once; the constructor returns once it is ready.
 
-    page : shared state of the run
+    shared : shared state of the run
     channel : file descriptor of its connection to the recorder
     plan : dict for JSON: targets, state, settings, cost, conversion of the costs
 
     Raises BadInput if it cannot start: the optimiser's package is missing, the cart cannot be opened.
     """
 
-    def __init__(self, page: SharedState, channel: int, plan: dict[str, Any]) -> None:
-        super().__init__("runtime.experiments.optimisation.process", (page.fd, channel), (page.fd, channel))
+    def __init__(self, shared: SharedState, channel: int, plan: dict[str, Any]) -> None:
+        super().__init__("runtime.experiments.optimisation.process", (shared.fd, channel), (shared.fd, channel))
         answer = None
         with suppress(BrokenPipeError, TimeoutError):
             self._send(json.dumps(plan).encode() + b"\n")
@@ -80,12 +80,12 @@ class OptimiserProcess(ChildProcess):
         os.close(self._answers)
 
 
-def main(answers: int, control: int, page: int, channel: int) -> None:
+def main(answers: int, control: int, shared: int, channel: int) -> None:
     """Run the optimiser process.
 
     answers : file descriptor of the pipe to the control process
     control : pidfd of the control process
-    page : file descriptor of the shared state
+    shared : file descriptor of the shared state
     channel : file descriptor of the connection to the recorder
     """
     ignore_signals()
@@ -104,7 +104,7 @@ def main(answers: int, control: int, page: int, channel: int) -> None:
         path = orders.readline().rstrip("\n")
     if not path:  # the run has ended before it began
         return
-    Companion(SharedState(fd=page), control, channel, plan, optimiser, cost, path).run()
+    Companion(SharedState(fd=shared), control, channel, plan, optimiser, cost, path).run()
 
 
 def answer(descriptor: int, message: dict[str, Any]) -> None:
@@ -127,7 +127,7 @@ def cost_of(plan: dict[str, Any]) -> Cost:
 class Companion:
     """The optimiser's end of the connection, and its Protocol.
 
-    page : shared state of the run
+    shared : shared state of the run
     control : pidfd of the control process
     channel : file descriptor of the connection to the recorder
     plan : as in OptimiserProcess
@@ -136,7 +136,7 @@ class Companion:
 
     def __init__(
         self,
-        page: SharedState,
+        shared: SharedState,
         control: int,
         channel: int,
         plan: dict[str, Any],
@@ -144,14 +144,14 @@ class Companion:
         cost: Cost,
         path: str,
     ) -> None:
-        self.page, self.control, self.channel, self.cost = page, control, socket.socket(fileno=channel), cost
+        self.shared, self.control, self.channel, self.cost = shared, control, socket.socket(fileno=channel), cost
         self.poll = select.poll()
         self.poll.register(control, select.POLLIN)
         self.poll.register(channel, select.POLLIN)
         self.watch = plan["cost"].get("columns", [])
         self.sent, self.due, self.over, self.changing = {}, 0.0, False, False
         zero = [tuple(pair) for pair in plan["zero"]]
-        self.robot = LiveRobot(page, Targets(table.read(page), optimiser.parameters, zero), self.announce)
+        self.robot = LiveRobot(shared, Targets(table.read(shared), optimiser.parameters, zero), self.announce)
         self.file = StateFile(path, plan["state"])
         self.protocol = Protocol(
             optimiser,
@@ -176,7 +176,7 @@ class Companion:
 
     def ending(self) -> bool:
         """Return whether the run, its control process or its recorder is ending or has ended."""
-        return self.over or self.page.closed or self.page.state in ENDED
+        return self.over or self.shared.closed or self.shared.state in ENDED
 
     def receive(self) -> None:
         """Wait for messages of the recorder, and for the end of the run."""
@@ -201,7 +201,7 @@ class Companion:
             age = time.monotonic_ns() - message.get("read", time.monotonic_ns())
             self.protocol.press(message["key"], message.get("question") if age <= CONSENT_LIMIT else STALE)
         if isinstance(self.cost, SignalCost):
-            origin = (self.page.began + self.page.first_tick) * 1e-9
+            origin = (self.shared.began + self.shared.first_tick) * 1e-9
             for seconds, *values in message.get("rows", ()):
                 self.cost.add(origin + seconds, *values)
 

@@ -44,8 +44,8 @@ class OptimisedSession(Session):
         """Start the optimiser and the recorder, connected. Returns the recorder. Raises BadInput."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with ours, theirs:
-            self.optimiser = OptimiserProcess(self.page, theirs.fileno(), self.optimiser_plan)
-            self.recorder_process = RecorderProcess(self.page, companion=ours.fileno())
+            self.optimiser = OptimiserProcess(self.shared, theirs.fileno(), self.optimiser_plan)
+            self.recorder_process = RecorderProcess(self.shared, companion=ours.fileno())
             return self.recorder_process
 
     def keep_others_aside(self) -> Collection[int]:

@@ -83,13 +83,13 @@ class Key(NamedTuple):
 
 
 class Keyboard:
-    """Keys that the control process has read. page : SharedState of the run"""
+    """Keys that the control process has read. shared : SharedState of the run"""
 
-    def __init__(self, page: SharedState) -> None:
+    def __init__(self, shared: SharedState) -> None:
         # not at the top: the control process imports this module before the compiled ones
         from cext.safety.terminal_keys import KeyQueue
 
-        self.queue = KeyQueue(page)
+        self.queue = KeyQueue(shared)
         self.unread: list[tuple[int, int, int, int]] = []
 
     @property

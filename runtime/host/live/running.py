@@ -10,7 +10,7 @@ from cext.safety.shared_state import SharedState
 MEMORY = "/memfd:tickwork"
 
 
-def page_of(pid: int) -> SharedState | None:
+def shared_state_of(pid: int) -> SharedState | None:
     """Return the shared state that a process has created, None if it has none. Raises PermissionError."""
     try:
         entries = list(Path("/proc", str(pid), "fd").iterdir())
@@ -24,13 +24,13 @@ def page_of(pid: int) -> SharedState | None:
         except (FileNotFoundError, ProcessLookupError):
             continue
         try:
-            page = SharedState(fd=descriptor)
+            shared = SharedState(fd=descriptor)
         except ValueError:  # not initialized yet, or of another version
             continue
         finally:
             os.close(descriptor)
-        if page.control == pid:  # the recorder has also mapped it
-            return page
+        if shared.control == pid:  # the recorder has also mapped it
+            return shared
     return None
 
 
@@ -43,9 +43,9 @@ def runs() -> dict[int, SharedState]:
     for name in os.listdir("/proc"):
         if name.isdigit():
             try:
-                page = page_of(int(name))
+                shared = shared_state_of(int(name))
             except PermissionError:
                 continue
-            if page is not None and page.live and not page.closed:
-                states[int(name)] = page
+            if shared is not None and shared.live and not shared.closed:
+                states[int(name)] = shared
     return states

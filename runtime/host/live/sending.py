@@ -51,7 +51,7 @@ def joined(groups: Iterable[Changes], rules: Iterable[LiveRule]) -> list[Changes
     return found
 
 
-def send(page: SharedState, table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
+def send(shared: SharedState, table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
     """Send changes to a run and wait until it has taken them.
 
     table : of the run
@@ -60,16 +60,16 @@ def send(page: SharedState, table: Table, pid: int, changes: Sequence[tuple[Para
 
     Returns the tick from which they are in effect. Raises BadInput if the run does not take them: nothing was changed.
     """
-    writer = Writer(page)
+    writer = Writer(shared)
     until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / table.rate
     ticket = None
     while ticket is None:
         ticket = writer.set([(parameter.index, value) for parameter, value in changes])
         if ticket is None:
-            wait(page, pid, until, "its mailbox was full")
+            wait(shared, pid, until, "its mailbox was full")
     while (answer := writer.answer(ticket)) is None:
         try:
-            wait(page, pid, until, "it did not apply the change")
+            wait(shared, pid, until, "it did not apply the change")
         except BadInput:
             if writer.withdraw(ticket):
                 raise
@@ -78,7 +78,7 @@ def send(page: SharedState, table: Table, pid: int, changes: Sequence[tuple[Para
     if verdict == "over":
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if verdict != "taken":
-        broken = table.broken(page, {parameter.index: value for parameter, value in changes})
+        broken = table.broken(shared, {parameter.index: value for parameter, value in changes})
         raise BadInput(
             f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} "
             f"({'; '.join(broken) or verdict}); nothing was changed"
@@ -86,16 +86,16 @@ def send(page: SharedState, table: Table, pid: int, changes: Sequence[tuple[Para
     return tick
 
 
-def stop(page: SharedState, pid: int) -> bool:
+def stop(shared: SharedState, pid: int) -> bool:
     """Request the end of a run, and wait for its safe stop. Returns whether another request had come before.
 
     Raises BadInput if the run has ended already, or has not begun its safe stop within STOP_TIMEOUT.
     """
-    if page.closed or page.state in ENDED:
+    if shared.closed or shared.state in ENDED:
         raise BadInput(f"the run of process {pid} has ended")
-    first = Writer(page).stop()
+    first = Writer(shared).stop()
     until = time.monotonic() + STOP_TIMEOUT
-    while not (page.closed or page.state in ENDED):
+    while not (shared.closed or shared.state in ENDED):
         if not os.path.exists(f"/proc/{pid}"):
             raise BadInput(f"process {pid} has died")
         if time.monotonic() > until:
@@ -107,9 +107,9 @@ def stop(page: SharedState, pid: int) -> bool:
     return not first
 
 
-def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
+def wait(shared: SharedState, pid: int, until: float, problem: str) -> None:
     """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
-    if page.closed or page.state in ENDED:
+    if shared.closed or shared.state in ENDED:
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if not os.path.exists(f"/proc/{pid}"):
         raise BadInput(f"process {pid} has died; nothing was changed")

@@ -121,15 +121,15 @@ class Table:
     signals: tuple[tuple[str, str, str], ...] = ()
     rules: tuple[LiveRule, ...] = ()
 
-    def broken(self, page: SharedState | None, changes: Mapping[int, float]) -> list[str]:
+    def broken(self, shared: SharedState | None, changes: Mapping[int, float]) -> list[str]:
         """Return what each rule reports that changes would break, such as "lower must be at most upper (3), got 5".
 
-        page : of the run, whose other targets are compared with; None for a run that has the built values
+        shared : of the run, whose other targets are compared with; None for a run that has the built values
         changes : {index of a parameter: value}
         """
         targets = [each.built for each in self.parameters]
-        if page is not None:
-            targets = [target for _, target in values(page, self.parameters)]
+        if shared is not None:
+            targets = [target for _, target in values(shared, self.parameters)]
 
         def after(index: int) -> float:
             return changes.get(index, targets[index])
@@ -141,16 +141,18 @@ class Table:
         ]
 
 
-def values(page: SharedState, parameters: Sequence[Parameter]) -> list[tuple[float, float]]:
+def values(shared: SharedState, parameters: Sequence[Parameter]) -> list[tuple[float, float]]:
     """Return (value in the newest tick, target) of each live parameter."""
     return (
-        [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
+        [(parameter.built, parameter.built) for parameter in parameters]
+        if shared.state == "init"
+        else shared.live_values()
     )
 
 
-def read(page: SharedState) -> Table:
+def read(shared: SharedState) -> Table:
     """Return the Table in a shared state; an empty one if there is none."""
-    return parse(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
+    return parse(shared.live or b'{"name": "", "rate": 1.0, "parameters": []}')
 
 
 def parse(text: bytes) -> Table:

@@ -1,9 +1,9 @@
 """The recorder: a process that drains the ring of a run into files, viewers and the terminal.
 
-    recorder = RecorderProcess(page)      # starts while the diagram is compiled
+    recorder = RecorderProcess(shared)    # starts while the diagram is compiled
     recorder.configure(plan)              # returns once all files are open
     ...                                   # the run
-    page.close()
+    shared.close()
     report = recorder.finish()
 
 The plan is a dict that JSON can carry:
@@ -70,7 +70,7 @@ class RecorderError(Exception):
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     companion : file descriptor of its connection to a companion (see runtime.record.recorder.companion); -1 without one
     lifeline : file descriptor that hangs up once no process reads the ring
     terminal : file descriptor of the terminal of this process, None without one
@@ -78,11 +78,11 @@ class RecorderProcess(ChildProcess):
     files : [{path, note}] of the files that it has opened
     """
 
-    def __init__(self, page: SharedState, companion: int = -1) -> None:
+    def __init__(self, shared: SharedState, companion: int = -1) -> None:
         self.terminal = own_terminal()
         keys = -1 if self.terminal is None else self.terminal
-        inherited = [descriptor for descriptor in (page.fd, keys, companion) if descriptor >= 0]
-        super().__init__("runtime.record.recorder.process", (page.fd, keys, companion), tuple(inherited))
+        inherited = [descriptor for descriptor in (shared.fd, keys, companion) if descriptor >= 0]
+        super().__init__("runtime.record.recorder.process", (shared.fd, keys, companion), tuple(inherited))
         self.files: list[dict[str, str]] = []
         self._over = self._planned = False
 
@@ -134,7 +134,7 @@ class RecorderProcess(ChildProcess):
         return self.alive
 
     def finish(self, timeout: float = 60.0) -> dict[str, Any]:
-        """After page.close(): wait until all is written, and return the report.
+        """After shared.close(): wait until all is written, and return the report.
 
         The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
         more: the content of the sidecar file. If the process has died or exceeds `timeout` s, `problems` states it

@@ -16,10 +16,10 @@ from cext.safety.shared_state import SharedState
 
 
 class Checkpoint:
-    """Checkpoints of the writers of one run. page : cext.safety.shared_state.SharedState"""
+    """Checkpoints of the writers of one run. shared : cext.safety.shared_state.SharedState"""
 
-    def __init__(self, page: SharedState) -> None:
-        self.page, self.saves = page, 0
+    def __init__(self, shared: SharedState) -> None:
+        self.shared, self.saves = shared, 0
         self.files = [os.memfd_create("tickwork-checkpoint") for _ in range(2)]  # written in turn
 
     def __del__(self):
@@ -29,10 +29,15 @@ class Checkpoint:
     def save(self, state: dict[str, Any]) -> None:
         """Save a state, a dict for JSON, then release the drained part of the ring."""
         file, self.saves = self.files[self.saves % 2], self.saves + 1
-        state = {**state, "tail": self.page.cursor, "dropped": self.page.statistics()["dropped"], "save": self.saves}
+        state = {
+            **state,
+            "tail": self.shared.cursor,
+            "dropped": self.shared.statistics()["dropped"],
+            "save": self.saves,
+        }
         os.ftruncate(file, 0)
         os.pwrite(file, json.dumps(state).encode(), 0)
-        self.page.release()
+        self.shared.release()
 
     def newest(self) -> dict[str, Any] | None:
         """Return the newest state at the tail of the ring, or None. The next save does not overwrite it."""
@@ -40,7 +45,7 @@ class Checkpoint:
         for file in self.files:
             with suppress(ValueError):  # incomplete when the writer died
                 states.append(json.loads(os.pread(file, os.fstat(file).st_size, 0)))
-        states = [state for state in states if state["tail"] == self.page.tail]
+        states = [state for state in states if state["tail"] == self.shared.tail]
         newest = max(states, key=lambda state: state["save"], default=None)
         self.saves = newest["save"] if newest is not None else 0
         return newest

@@ -46,13 +46,13 @@ class Companion:
     """The recorder's end of the connection.
 
     descriptor : of a socket of type SOCK_SEQPACKET
-    recording, page : of the run
+    recording, shared : of the run
     control : pidfd of the control process
     """
 
-    def __init__(self, descriptor: int, recording: Recording, page: SharedState, control: int) -> None:
+    def __init__(self, descriptor: int, recording: Recording, shared: SharedState, control: int) -> None:
         self.socket = socket.socket(fileno=descriptor)
-        self.recording, self.page = recording, page
+        self.recording, self.shared = recording, shared
         self.needs: dict[str, Any] = dict(NOTHING)
         self.alive = True
         self.shown_at = 0  # ns of CLOCK_MONOTONIC, of the newest question
@@ -62,7 +62,7 @@ class Companion:
 
     def look(self) -> None:
         """Take the messages that have arrived."""
-        if self.fallback and Writer(self.page).set(self.fallback) is not None:
+        if self.fallback and Writer(self.shared).set(self.fallback) is not None:
             self.fallback = []
         while self.alive:
             try:
@@ -86,12 +86,12 @@ class Companion:
 
     def run_has_ended(self) -> bool:
         """Return whether the run is being stopped, has ended, or its control process has died."""
-        return self.page.state in ("stopping", "safe") or self.page.closed or bool(self.control.poll(0))
+        return self.shared.state in ("stopping", "safe") or self.shared.closed or bool(self.control.poll(0))
 
     def replace(self) -> None:
         """Set the parameters for this case, and report the end of the companion."""
         changes = [tuple(pair) for pair in self.needs["fallback"]]
-        if changes and Writer(self.page).set(changes) is None:
+        if changes and Writer(self.shared).set(changes) is None:
             self.fallback = changes
         then = "its last accepted parameters are restored" if changes else "no parameter was changed"
         if changes and self.needs["partial"]:
@@ -100,7 +100,7 @@ class Companion:
         self.recording.take_event(
             {
                 "event": "companion",
-                "tick": self.page.statistics()["last_tick"],
+                "tick": self.shared.statistics()["last_tick"],
                 "problem": LOST,
                 "lines": [f"tickwork: {LOST}; {then}. The run continues; space stops it"],
             }

@@ -26,16 +26,16 @@ from runtime.record.storage.changes import Changes
 class LocalRecorder:
     """Status line, events and average strides of a run in this process.
 
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     receive : called with each block: rows, sent frames, rows before each frame, as in cext.safety.ring_reader.take
     """
 
     lifeline = -1  # no other process reads the ring
     pid = None
 
-    def __init__(self, page, receive=lambda rows, sent, before: None):
-        self.page, self.receive = page, receive
-        self.changes = Changes(table.read(page).parameters)
+    def __init__(self, shared, receive=lambda rows, sent, before: None):
+        self.shared, self.receive = shared, receive
+        self.changes = Changes(table.read(shared).parameters)
         self.events, self.end = [], None
 
     def configure(self, plan: dict[str, Any]) -> None:
@@ -47,11 +47,11 @@ class LocalRecorder:
             service = StrideAverage(plan, sink)
             service.open()
             self.strides.append((service, [2 + column["index"] for column in sink["columns"]]))
-        self.status = StatusLine(Terminal(), plan, self.page)
+        self.status = StatusLine(Terminal(), plan, self.shared)
 
     def drain(self) -> None:
         """Take what is in the ring."""
-        rows, sent, before, others = take(self.page, self.columns)
+        rows, sent, before, others = take(self.shared, self.columns)
         self.receive(rows, sent, before)
         ticks = rows[:, 0].astype(np.int64)
         for service, places in self.strides:

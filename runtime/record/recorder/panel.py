@@ -46,18 +46,18 @@ HELP = (
 class Panel:
     """Keys of one run.
 
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     keyboard : runtime.host.console.keys.Keyboard
     recording : runtime.record.recorder.part.Recording, beside whose files the values are saved
     companion : runtime.record.recorder.companion.Companion, which takes the keys that it uses while the run is armed;
         or None
     """
 
-    def __init__(self, page, keyboard, recording, companion=None):
-        self.page, self.keyboard, self.recording, self.companion = page, keyboard, recording, companion
-        self.table = table.read(page)
+    def __init__(self, shared, keyboard, recording, companion=None):
+        self.shared, self.keyboard, self.recording, self.companion = shared, keyboard, recording, companion
+        self.table = table.read(shared)
         self.choices = choices(self.table.parameters)
-        self.writer = Writer(page, "keys")
+        self.writer = Writer(shared, "keys")
         self.chosen = None
         self.waiting = {}  # ticket: kind of request
         self.pending = {}  # index of a parameter: (ticket, value)
@@ -70,14 +70,14 @@ class Panel:
             self.take_answer(ticket, now)
         self.post_wanted(now)
         for key in self.keyboard.read():
-            if (key.name, self.page.state) in CONFIRMING:
+            if (key.name, self.shared.state) in CONFIRMING:
                 self.confirm(key, now)
             else:
                 self.press(key, now)
 
     def confirm(self, key: Key, now: float) -> None:
         """Confirm that the robot may be armed, if the key was pressed after the question was shown. now : s"""
-        question, age = self.page.question, time.monotonic_ns() - key.read
+        question, age = self.shared.question, time.monotonic_ns() - key.read
         if not key.question == self.recording.question == question or key.since < self.recording.shown_at:
             self.say(f"{key.name} was pressed before the question was shown: press it again", now)
         elif age > CONSENT_LIMIT:
@@ -87,7 +87,7 @@ class Panel:
 
     def press(self, pressed: Key, now: float) -> None:
         """Carry out the command of a key. now : s"""
-        key, waits = pressed.name, self.page.state in ("ready", "waiting")
+        key, waits = pressed.name, self.shared.state in ("ready", "waiting")
         if key == "space" or (key == "q" and waits):
             pass  # the run is being stopped
         elif self.companion is not None and not waits and self.companion.press(key, pressed):
@@ -137,7 +137,7 @@ class Panel:
 
     def values(self) -> list[tuple[float, float]]:
         """Return (value, target) of each live parameter."""
-        return table.values(self.page, self.table.parameters)
+        return table.values(self.shared, self.table.parameters)
 
     def change(self, pairs: list[tuple[Any, float]], now: float) -> None:
         """Post the differing values as one request, which takes effect in one tick. pairs : (Parameter, value)"""
@@ -184,14 +184,14 @@ class Panel:
         self.pending = {index: entry for index, entry in self.pending.items() if entry[0] != ticket}
         verdict, tick, mark = answer
         if verdict not in ("taken", "over"):
-            self.say(f"rejected: {'; '.join(self.table.broken(self.page, changes)) or verdict}", now)
+            self.say(f"rejected: {'; '.join(self.table.broken(self.shared, changes)) or verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
 
     def save(self, now: float) -> None:
         """Save the values of all parameters, after pending changes, in a file."""
         plan = self.recording.plan
-        tick = self.page.statistics()["last_tick"]
+        tick = self.shared.statistics()["last_tick"]
         lines = [f"# {self.table.name}: live parameters at tick {tick}; `--set @FILE` reads this"]
         for parameter in self.table.parameters:
             lines.append(f"# {parameter.bounds}; {parameter.description}".rstrip("; "))
@@ -214,8 +214,8 @@ class Panel:
 
     def parts(self, now: float) -> list[Any]:
         """Return the parts of the status line."""
-        asks = self.page.state in PROMPTS and self.recording.question == self.page.question
-        parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if asks else []
+        asks = self.shared.state in PROMPTS and self.recording.question == self.shared.question
+        parts = [part(8.8, PROMPTS[self.shared.state], colour="bold")] if asks else []
         if self.companion is not None:
             parts += self.companion.parts()
         if self.chosen is not None:

@@ -36,19 +36,19 @@ class Recording:
     """One part of a recording.
 
     plan : as runtime.record.recorder describes it
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     part : 1; 2, 3, ... after the death of a writer
     say : function that prints a line on the terminal
     """
 
-    def __init__(self, plan, page):
-        self.plan, self.page = plan, page
+    def __init__(self, plan, shared):
+        self.plan, self.shared = plan, shared
         self.part = plan.get("part", 1)
         before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # earlier parts, whose writers have died
         self.row = row_struct(len(plan["signals"]))
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
-        self.changes = Changes(table.read(page).parameters)
+        self.changes = Changes(table.read(shared).parameters)
         self.newest = None  # the newest row: tick, lateness, values
         self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
         self.bits = [0] * len(plan["buses"])  # length of these frames on the bus
@@ -94,7 +94,7 @@ class Recording:
     def start(self, kind: type[Service], sink: dict[str, Any]) -> None:
         """Create and open a service."""
         service = kind(self.plan, sink)
-        service.say, service.page = self.say_later, self.page
+        service.say, service.shared = self.say_later, self.shared
         self.services.append((sink["path"], service))
         service.open()
 

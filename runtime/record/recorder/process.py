@@ -48,8 +48,8 @@ class Control:
     abandoned : whether it has ordered to discard the recording
     """
 
-    def __init__(self, pidfd, page, mark):
-        self.pidfd, self.page, self.mark = pidfd, page, mark
+    def __init__(self, pidfd, shared, mark):
+        self.pidfd, self.shared, self.mark = pidfd, shared, mark
         self.gone = self.abandoned = self.hung_up = False
         self.received = b""
         self.poll = select.poll()
@@ -71,7 +71,7 @@ class Control:
                 self.hung_up = True
             self.abandoned = self.abandoned or self.received.endswith(b"abandon\n")
         if self.hung_up and not self.gone:  # a hang-up alone: end of the run, or a block has closed descriptors
-            self.gone = not maps(self.page.control, self.page.fd)
+            self.gone = not maps(self.shared.control, self.shared.fd)
 
     def plan(self) -> dict[str, Any] | None:
         """Return the plan, which is the first order; None if the run ends before it."""
@@ -81,18 +81,18 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(answers: int, control: int, page: int, keys: int, companion: int) -> None:
+def main(answers: int, control: int, shared: int, keys: int, companion: int) -> None:
     """Run the recorder process.
 
     answers : file descriptor of the pipe to the control process
     control : pidfd of the control process
-    page : file descriptor of the shared state
+    shared : file descriptor of the shared state
     keys : file descriptor of the terminal, or -1
     companion : file descriptor of the connection to a companion, or -1
     """
     ignore_signals()
     be_ordinary()
-    state = SharedState(fd=page)
+    state = SharedState(fd=shared)
     mark = own_mark(state.control)
     remove_mark()
     orders = Control(control, state, mark)
@@ -106,16 +106,16 @@ def main(answers: int, control: int, page: int, keys: int, companion: int) -> No
 
 
 def record_parts(
-    page: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: dict[str, Any]
+    shared: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: dict[str, Any]
 ) -> None:
     """Record the parts of a recording, and answer if it stops before the end of the run."""
-    checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
+    checkpoint, causes, part = Checkpoint(shared), [], plan.get("part", 1)
     attributes = terminal_attributes(keys) if keys >= 0 else None
     while True:
         current = {**plan, "part": part}
-        cause, unfit = death_of_writer(lambda: write(page, answers, orders, companion, current, checkpoint), page)
+        cause, unfit = death_of_writer(lambda: write(shared, answers, orders, companion, current, checkpoint), shared)
         # the control process was killed and has not restored the terminal; its pidfd may not show it yet
-        if attributes is not None and not maps(page.control, page.fd):
+        if attributes is not None and not maps(shared.control, shared.fd):
             restore(keys, attributes)
         state = checkpoint.newest()
         if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports
@@ -123,14 +123,14 @@ def record_parts(
         checkpoint.cut_files(state)
         again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(orders.pidfd)
         causes.append(cause)
-        plan, part, problem = successor(plan, part, state, cause, again, page)
+        plan, part, problem = successor(plan, part, state, cause, again, shared)
         Terminal().say(f"tickwork recorder: {problem}")
         if not again:
             answer(answers, lost_report(plan["before"]))
             return
 
 
-def death_of_writer(writer: Callable[[], None], page: SharedState) -> tuple[str | None, bool]:
+def death_of_writer(writer: Callable[[], None], shared: SharedState) -> tuple[str | None, bool]:
     """Fork a process that calls `writer`, and wait until it has ended.
 
     Returns the cause of its death as text, None if it completed, and whether it could not create its files.
@@ -141,7 +141,7 @@ def death_of_writer(writer: Callable[[], None], page: SharedState) -> tuple[str 
         os.close(reader)
         code = 0
         try:
-            page.rewind()
+            shared.rewind()
             writer()
         except BaseException as error:  # the parent prints it: a traceback would tear the status line
             code = CANNOT_RECORD if isinstance(error, RecordingFailed) else 1
@@ -170,14 +170,14 @@ def ended(pidfd: int) -> bool:
 
 
 def successor(
-    plan: dict[str, Any], part: int, state: dict[str, Any], cause: str, again: bool, page: SharedState
+    plan: dict[str, Any], part: int, state: dict[str, Any], cause: str, again: bool, shared: SharedState
 ) -> tuple[dict[str, Any], int, str]:
     """Return (plan of the next part, its number, the problem in one line).
 
     state : newest checkpoint of the part whose writer died
     again : whether a next part follows
     """
-    lost = page.statistics()["dropped"] - state["dropped"]
+    lost = shared.statistics()["dropped"] - state["dropped"]
     died = f"the writer of part {part} died ({cause})"
     following = f"part {part + 1} continues the recording; " + (
         f"{lost} records were lost" if lost else "no record was lost"

@@ -30,14 +30,14 @@ def outcome(recording: Any, orphaned: bool) -> dict[str, Any]:
     return (
         facts
         if recording.plan["virtual"]
-        else {**facts, "statistics": recording.page.statistics(), "wall": recording.page.wall}
+        else {**facts, "statistics": recording.shared.statistics(), "wall": recording.shared.wall}
     )
 
 
 def describe(recording: Any, orphaned: bool) -> dict[str, Any]:
     """Return the report without the results of the services."""
-    plan, statistics = recording.plan, recording.page.statistics()
-    wall = recording.page.wall
+    plan, statistics = recording.plan, recording.shared.statistics()
+    wall = recording.shared.wall
     return {
         "name": plan["name"],
         "stem": plan["stem"],

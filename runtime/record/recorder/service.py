@@ -32,7 +32,7 @@ class Service:
     plan : dict of the run, as runtime.record.recorder describes it; plan["stem"] is a file name that is free in
         plan["folder"], which is None if no files are written
     sink : dict of the sink: path, parameters, columns, every
-    page : cext.safety.shared_state.SharedState of the run, set before `open`
+    shared : cext.safety.shared_state.SharedState of the run, set before `open`
     say : function that prints a line on the terminal, set before `open`
     files : {path: remark} of each file that the service has created
     """
@@ -45,7 +45,7 @@ class Service:
         self.plan, self.sink = plan, sink
         self.files: dict[str, str] = {}
         self.say: Callable[[str], None] = lambda line: None
-        self.page: SharedState | None = None
+        self.shared: SharedState | None = None
 
     @property
     def unfinished(self) -> str | None:
@@ -64,7 +64,7 @@ class Service:
 
     def epoch(self) -> float:
         """Return the time of tick 0 in s since 1970, by the clock of the computer. Valid once a row has been taken."""
-        return time.time() if self.page is None else (self.page.wall + self.page.first_tick) * 1e-9
+        return time.time() if self.shared is None else (self.shared.wall + self.shared.first_tick) * 1e-9
 
     def open(self) -> None:
         """Create files, resolve hosts. An exception here prevents the run."""

@@ -39,8 +39,8 @@ STATES = {
 class StatusLine:
     """The status line of one run."""
 
-    def __init__(self, terminal, plan, page, panel=None, recording=None):
-        self.terminal, self.plan, self.page, self.panel, self.recording = terminal, plan, page, panel, recording
+    def __init__(self, terminal, plan, shared, panel=None, recording=None):
+        self.terminal, self.plan, self.shared, self.panel, self.recording = terminal, plan, shared, panel, recording
         self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
@@ -53,16 +53,16 @@ class StatusLine:
         if not self.enabled or now < self.next:
             return
         self.next = now + REFRESH_PERIOD
-        statistics = self.page.statistics()
+        statistics = self.shared.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
-        if self.page.state != self.state:  # arming has other rates than running
-            self.state = self.page.state
+        if self.shared.state != self.state:  # arming has other rates than running
+            self.state = self.shared.state
             self.history.clear()
         buses = (*self.recording.traffic, *self.recording.bits) if self.recording is not None else ()
         self.history.append((now, statistics["ticks"], statistics["busy"], frames, *buses))
         parts = describe(
             self.plan,
-            self.page.state,
+            self.shared.state,
             statistics,
             rates(self.history),
             self.terminal.unicode,

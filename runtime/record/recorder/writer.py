@@ -38,13 +38,13 @@ FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
 
 
 def write(
-    page: SharedState, answers: int, control: Any, companion: int, plan: dict[str, Any], checkpoint: Checkpoint
+    shared: SharedState, answers: int, control: Any, companion: int, plan: dict[str, Any], checkpoint: Checkpoint
 ) -> None:
     """Record one part, from opening its files to its report.
 
     Raises RecordingFailed if the files of a later part cannot be created; part 1 reports that to the control process.
     """
-    recording = Recording(plan, page)
+    recording = Recording(plan, shared)
     try:
         with discarded_on_signal(recording):
             recording.open()
@@ -66,8 +66,8 @@ def write(
     name_process("tickwork-record")
     if "before" not in plan:
         answer(answers, {"ready": True, "files": recording.list_files()})
-    beside = Companion(companion, recording, page, control.pidfd) if companion >= 0 else None
-    record(page, answers, control, beside, recording, terminal, checkpoint)
+    beside = Companion(companion, recording, shared, control.pidfd) if companion >= 0 else None
+    record(shared, answers, control, beside, recording, terminal, checkpoint)
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def discarded_on_signal(recording: Recording) -> Iterator[None]:
 
 
 def record(
-    page: SharedState,
+    shared: SharedState,
     answers: int,
     control: Any,
     companion: Companion | None,
@@ -104,13 +104,13 @@ def record(
     """Drain the ring until the run is over, then complete the recording and send the report."""
     plan = recording.plan
     recording.begin()
-    panel = Panel(page, Keyboard(page), recording, companion) if plan.get("keys") else None
-    status = StatusLine(terminal, plan, page, panel, recording)
+    panel = Panel(shared, Keyboard(shared), recording, companion) if plan.get("keys") else None
+    status = StatusLine(terminal, plan, shared, panel, recording)
     recording.counts_bits = status.enabled
     sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
     try:
         drain(
-            page,
+            shared,
             control,
             recording,
             status,
@@ -122,19 +122,19 @@ def record(
     finally:
         if sync is not None:
             sync.stop()
-    if control.abandoned or (control.gone and not page.wall):  # the run has not started
+    if control.abandoned or (control.gone and not shared.wall):  # the run has not started
         recording.discard()
         return
-    orphaned = not page.closed
+    orphaned = not shared.closed
     report = recording.finish(orphaned)
     status.erase()
     if orphaned:
-        terminal.say(orphan_line(report, cause_of_death(page, plan["items"])))
+        terminal.say(orphan_line(report, cause_of_death(shared, plan["items"])))
     answer(answers, report)
 
 
 def drain(
-    page: SharedState,
+    shared: SharedState,
     control: Any,
     recording: Recording,
     status: StatusLine,
@@ -150,16 +150,16 @@ def drain(
     flushed = recording.ticks
     while True:
         # read before the drain: all earlier records are then in the ring
-        over = page.closed or (control.gone and not guarded(page))
+        over = shared.closed or (control.gone and not guarded(shared))
         rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
-        records = read(page, rows)
+        records = read(shared, rows)
         recording.take(records)
         if companion is not None:
             companion.take(records, recording.plan["rate"])
             companion.look()
         now = time.monotonic()
         due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
-        if due or page.held > (FLUSH_SHARE_VIRTUAL if virtual else FLUSH_SHARE):
+        if due or shared.held > (FLUSH_SHARE_VIRTUAL if virtual else FLUSH_SHARE):
             recording.flush()
             checkpoint.save(recording.checkpoint())
             flush_at, flushed = now + FLUSH_PERIOD, recording.ticks
@@ -175,25 +175,25 @@ def drain(
         control.look(idle)
 
 
-def guarded(page: SharedState) -> bool:
+def guarded(shared: SharedState) -> bool:
     """Return whether a guardian runs, which reports its stop after the death of the control process."""
-    return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
+    return time.monotonic_ns() - shared.guarded < GUARDIAN_DEATH
 
 
-def cause_of_death(page: SharedState, items: list[str]) -> str:
+def cause_of_death(shared: SharedState, items: list[str]) -> str:
     """Return how a control process died before the end of its run: by a signal of its own, or in which state.
 
     Its exit code is only available to its parent process.
 
     items : names of the stopwatch items, as in cext.clock.stopwatch.names
     """
-    if page.crashed:
-        hung = page.hung or -1
+    if shared.crashed:
+        hung = shared.hung or -1
         block = f" in {items[hung]}" if hung >= 0 else ""
-        return f"of {signal.Signals(page.crashed).name}{block}"
-    tick = page.statistics()["last_tick"]
-    block = f"in {items[page.at]} " if page.state == "running" and page.at >= 0 else ""
-    if block and page.in_run:  # the step is not stored while machine code runs
+        return f"of {signal.Signals(shared.crashed).name}{block}"
+    tick = shared.statistics()["last_tick"]
+    block = f"in {items[shared.at]} " if shared.state == "running" and shared.at >= 0 else ""
+    if block and shared.in_run:  # the step is not stored while machine code runs
         block = f"{block}or a native block after it, "
     where = {
         "init": "before arming",
@@ -202,7 +202,7 @@ def cause_of_death(page: SharedState, items: list[str]) -> str:
         "stopping": "during the safe stop",
         "safe": "after the safe stop",
     }
-    when = where.get(page.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
+    when = where.get(shared.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
     return f"{block}{when} without ending the run: it was killed, or a block called os._exit or exec"
 
 

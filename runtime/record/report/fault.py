@@ -259,7 +259,7 @@ def unguarded(result: RunResult) -> str:
 
 def suspended(result: RunResult) -> str:
     """Return how long the computer was suspended, and the commands of the drives meanwhile."""
-    seconds = 0.0 if result.page is None else result.page.suspended * 1e-9
+    seconds = 0.0 if result.shared is None else result.shared.suspended * 1e-9
     return (
         f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
         "meanwhile, unless they have a time-out, and were stopped when it resumed"

@@ -33,11 +33,11 @@ class Service:
     """
 
     def __init__(self, schedule: Schedule, ends: Sequence[BusEnd], bitrate: float | None = None) -> None:
-        self.page = SharedState(RING_BYTES)
+        self.shared = SharedState(RING_BYTES)
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)
-        self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{CATCH_UP_LIMIT}")
+        self.executor = Executor(self.program, schedule.rate, shared=self.shared, overrun=f"catch-up:{CATCH_UP_LIMIT}")
         self.rate = schedule.rate
 
     def run(self, duration: float | None = None) -> Outcome:
@@ -48,7 +48,7 @@ class Service:
     @property
     def statistics(self) -> dict[str, Any]:
         """Statistics of the shared state."""
-        return self.page.statistics()
+        return self.shared.statistics()
 
     @contextmanager
     def status_line(self) -> Iterator[None]:
@@ -56,9 +56,9 @@ class Service:
         terminal, over = Terminal(), threading.Event()
 
         def refresh():
-            before = self.page.statistics()
+            before = self.shared.statistics()
             while not over.wait(REFRESH):
-                now = self.page.statistics()
+                now = self.shared.statistics()
                 terminal.draw(line(before, now, self.rate)[: terminal.columns - 1])
                 before = now
             terminal.erase()

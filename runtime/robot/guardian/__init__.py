@@ -1,6 +1,6 @@
 """The guardian: a separate process that stops the actuators if the control process cannot.
 
-    guardian = GuardianProcess(page, lines, bell, locks)
+    guardian = GuardianProcess(shared, lines, bell, locks)
     guardian.configure(plan)              # opens its buses and starts to watch
     ...                                   # the run
     report = guardian.finish()
@@ -85,7 +85,7 @@ class GuardianError(Exception):
 class GuardianProcess(ChildProcess):
     """Guardian of one run, spawned at once.
 
-    page : cext.safety.shared_state.SharedState
+    shared : cext.safety.shared_state.SharedState
     lines : cext.ring.rings.Lines, or None where the loop drives every bus itself
     bell : file descriptor of the eventfd that the loop signals, or -1
     locks : runtime.robot.guardian.lock.BusLock of every bus, which the guardian inherits
@@ -97,16 +97,16 @@ class GuardianProcess(ChildProcess):
 
     def __init__(
         self,
-        page: SharedState,
+        shared: SharedState,
         lines: Lines | None,
         bell: int,
         locks: Sequence[BusLock],
         lines_of_relays: Sequence[int] = (),
     ) -> None:
-        page.take_hold()  # before another process waits for it
-        self._page = page
+        shared.take_hold()  # before another process waits for it
+        self._page = shared
         inherited = (
-            page.fd,
+            shared.fd,
             *([bell] if bell >= 0 else ()),
             *([lines.fd] if lines is not None else ()),
             *(lock.fileno() for lock in locks),
@@ -114,7 +114,7 @@ class GuardianProcess(ChildProcess):
             *lines_of_relays,
         )
         super().__init__(
-            "runtime.robot.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited
+            "runtime.robot.guardian.process", (shared.fd, -1 if lines is None else lines.fd, bell), inherited
         )
         self.granted: list[str] = []
         self._group: str | None = None

@@ -48,7 +48,7 @@ ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
 NAME = "tickwork-guard"
 
 
-def main(answers: int, control: int, page: int, lines: int, bell: int) -> None:
+def main(answers: int, control: int, shared: int, lines: int, bell: int) -> None:
     """Run the process.
 
     The arguments are file descriptors: pipe for answers, pidfd of the control process, shared state, lines or -1, bell
@@ -58,7 +58,7 @@ def main(answers: int, control: int, page: int, lines: int, bell: int) -> None:
     remove_mark()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
-    guardian = Guardian(SharedState(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
+    guardian = Guardian(SharedState(fd=shared), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
     if guardian.prepare():
         guardian.run()
 
@@ -66,13 +66,13 @@ def main(answers: int, control: int, page: int, lines: int, bell: int) -> None:
 class Guardian:
     """Guardian of one run, in its process.
 
-    page, lines : shared state and lines of the run; lines is None if the loop drives every bus itself
+    shared, lines : shared state and lines of the run; lines is None if the loop drives every bus itself
     bell : eventfd that the loop signals, or -1
     answers, control : file descriptors of the pipe for answers, and of the control process (pidfd)
     """
 
-    def __init__(self, page: SharedState, lines: Lines | None, bell: int, answers: int, control: int) -> None:
-        self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
+    def __init__(self, shared: SharedState, lines: Lines | None, bell: int, answers: int, control: int) -> None:
+        self.shared, self.lines, self.bell, self.answers, self.control = shared, lines, bell, answers, control
         self.received = b""
         # dead: its loop; gone: the whole process, which may take 20 ms longer
         # cut off: it no longer has the pipe for orders; ordered: it waits for the end of the stop
@@ -125,10 +125,10 @@ class Guardian:
             self.poll.register(descriptor, select.POLLIN)
         self.groups = control_group.enter()
         granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(plan["priority"])
-        self.owner_death = OwnerDeathWatcher(self.page, plan["priority"] or 0)
+        self.owner_death = OwnerDeathWatcher(self.shared, plan["priority"] or 0)
         self.poll.register(self.owner_death.fd, select.POLLIN)
-        self.page.take_guard()
-        self.page.look_after(time.monotonic_ns())
+        self.shared.take_guard()
+        self.shared.look_after(time.monotonic_ns())
         group = None if self.groups is None else str(self.groups[0])
         modules = [name for name in sys.modules if name not in known]
         self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
@@ -153,7 +153,7 @@ class Guardian:
 
     def _attend(self, now):
         """Send the frames of the safe stop to the drives of buses that are taken over, until the loop asks them."""
-        if self.page.beat:
+        if self.shared.beat:
             while self.successors:
                 self.successors.popitem()[1].arming()
         elif now >= self.attend:
@@ -170,12 +170,12 @@ class Guardian:
         while not self._is_over():
             self._handle_events(self._poll_timeout())
             now = time.monotonic_ns()
-            self.page.look_after(now)
+            self.shared.look_after(now)
             if now - checked > self.limit // 2:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             checked = now
             # reported in the shared state: no grace
-            reported = self.page.hung is not None or self.page.suspended > 0
+            reported = self.shared.hung is not None or self.shared.suspended > 0
             if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             if self.successors:
@@ -202,7 +202,7 @@ class Guardian:
 
     def _has_ended(self):
         """Return whether the run has ended."""
-        return self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
+        return self.released or self.gone or (self.cut_off and self.shared.state not in ACTIVE)
 
     def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
@@ -235,7 +235,7 @@ class Guardian:
                 self.released = self.released or data.endswith(b"release\n")
                 if not data:
                     self.poll.unregister(ORDERS)
-                    if maps(self.page.control, self.page.fd):
+                    if maps(self.shared.control, self.shared.fd):
                         self.cut_off = not self.released
                     else:  # it runs another program, under its number
                         self.dead = self.gone = True
@@ -250,7 +250,7 @@ class Guardian:
             order = json.loads(line)
             now = time.monotonic_ns()
             if self.stop is None or self.stop.over:
-                self.begin_stop("unconfirmed", now - self.page.beat, now, order["devices"], order["lasts"])
+                self.begin_stop("unconfirmed", now - self.shared.beat, now, order["devices"], order["lasts"])
             else:
                 self.stop.lasts = round(order["lasts"] * 1e9)
             self.ordered = True
@@ -260,16 +260,16 @@ class Guardian:
 
         now : ns of CLOCK_MONOTONIC
         """
-        if self.page.state not in ACTIVE:
+        if self.shared.state not in ACTIVE:
             return
-        silent = now - self.page.beat
-        if self.dead or self.page.crashed:
+        silent = now - self.shared.beat
+        if self.dead or self.shared.crashed:
             self.begin_stop("died", silent, now)
-        elif self.page.hung is not None:
+        elif self.shared.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
-        elif self.page.suspended:
-            self.begin_stop("suspended", self.page.suspended, now)
+        elif self.shared.suspended:
+            self.begin_stop("suspended", self.shared.suspended, now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
@@ -286,21 +286,21 @@ class Guardian:
         only : names of the devices to stop; None for all
         lasts : s for which it continues after it was reported
         """
-        self.page.raise_fence()
-        self.page.show_stop(True)
+        self.shared.raise_fence()
+        self.shared.show_stop(True)
         self.reported = False
         self.verdict = self.verdict or {
             "event": "guardian",
             "because": because,
             "silent": silent * 1e-9,
-            "state": self.page.state,
-            "last_tick": self.page.statistics()["last_tick"],
+            "state": self.shared.state,
+            "last_tick": self.shared.statistics()["last_tick"],
         }
-        if self.page.hung is not None:
+        if self.shared.hung is not None:
             self.verdict["block"] = self._block_name()
-        if self.page.crashed:
+        if self.shared.crashed:
             with suppress(ValueError):  # a defective process may have overwritten the number
-                self.verdict["signal"] = signal.Signals(self.page.crashed).name
+                self.verdict["signal"] = signal.Signals(self.shared.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 wire.listen(replies_of(self.devices, index))
@@ -310,19 +310,19 @@ class Guardian:
         relays = [Relay(relay, now - silent) for relay in self.relays]
         devices = [device for device in self.devices if only is None or device["name"] in only]
         moving = only is None and self.verdict["last_tick"] >= 0
-        self.stop = SafeStop(devices, self.wires, now, moving, relays, self.page.out, round(lasts * 1e9))
+        self.stop = SafeStop(devices, self.wires, now, moving, relays, self.shared.out, round(lasts * 1e9))
         self.stop.step(now)
-        self.in_send = self.page.sending and not self.dead
+        self.in_send = self.shared.sending and not self.dead
 
     def stop_again_if_due(self, now: int) -> None:
         """Repeat the stop once the loop has left the send that it had begun before the fence: its commands came last.
 
         now : ns of CLOCK_MONOTONIC
         """
-        if self.verdict is None or not self.in_send or (self.page.sending and not self.dead):
+        if self.verdict is None or not self.in_send or (self.shared.sending and not self.dead):
             return
         self.in_send = self.reported = False
-        self.page.show_stop(True)
+        self.shared.show_stop(True)
         self.verdict["again"] = True
         self.stop = SafeStop(self.devices, self.wires, now, moving=False, lasts=round(STOP_ORPHANED * 1e9))
         self.stop.step(now)
@@ -367,7 +367,7 @@ class Guardian:
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
-        item = self.page.hung
+        item = self.shared.hung
         return self.items[item] if item is not None and 0 <= item < len(self.items) else "the tick"
 
     def carry(self) -> None:
@@ -377,7 +377,7 @@ class Guardian:
             return
         for index, line, wire in self.carried:
             for identifier, data, _ in lines.take(line):
-                if (self.verdict is not None or self.page.fenced) and (index, identifier, data) not in self.harmless:
+                if (self.verdict is not None or self.shared.fenced) and (index, identifier, data) not in self.harmless:
                     lines.count_up(line, "withheld")
                 else:
                     wire.send(identifier, data)
@@ -430,7 +430,7 @@ class Guardian:
         verdict |= report
         if not self.reported:
             self.reported = True
-            self.page.show_stop(False)
+            self.shared.show_stop(False)
             print_over_status(_in_words(verdict))
         if stop.over and self.ordered:
             self._answer({"stop": verdict})
@@ -438,14 +438,14 @@ class Guardian:
     def _report_hang(self):
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
         self.stuck_at = None
-        if self.page.state in ("arming", "running") and not self.gone:
+        if self.shared.state in ("arming", "running") and not self.gone:
             words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
             print_over_status(words)
 
     def _leave(self):
         if self.verdict is not None and self.gone:
-            self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
-        self.page.look_after(0)
+            self.shared.push(RECORD_EVENT, json.dumps(self.verdict).encode())
+        self.shared.look_after(0)
         self._answer(
             {
                 "stop": self.verdict,

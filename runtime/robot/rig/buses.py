@@ -191,10 +191,10 @@ class RigBuses:
         )
         return (GUARDIAN_SILENCE_REALTIME if privileged and prompt else GUARDIAN_SILENCE) * 1e-9
 
-    def watch(self, page: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
+    def watch(self, shared: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
         """Start the guardian, which opens the remaining interfaces. Raises RigError.
 
-        page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
+        shared : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
         """
         relays: list[PlanRelay] = [
             {
@@ -207,7 +207,7 @@ class RigBuses:
             if isinstance(block, StreamDevice) and block.relay_time
         ]
         self.guardian = GuardianProcess(
-            page, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays]
+            shared, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays]
         )
         buses: list[PlanBus] = [
             {

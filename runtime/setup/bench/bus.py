@@ -128,8 +128,8 @@ def _answered(bus: BusABC) -> bool:
 @contextmanager
 def through_guardian(group: str) -> Iterator[BusEnd]:
     """Context manager of the loop's end of a bus whose frames the guardian carries."""
-    page, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-    guardian = GuardianProcess(page, lines, bell, [])
+    shared, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    guardian = GuardianProcess(shared, lines, bell, [])
     try:
         guardian.configure(
             {

@@ -166,13 +166,13 @@ def fast_motors(seconds: float, repeats: int) -> list[list[int]]:
 
 def our_chunk(schedule: Schedule, sockets: Sequence[socket.socket], ticks: int) -> tuple[int, int]:
     """Run Tickwork. Returns (replies missed, grid points missed)."""
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
     program.count_from(STARTING)
-    outcome = uninterrupted(Executor(program, RATE, page=page).run(ticks, fade=0.0))
+    outcome = uninterrupted(Executor(program, RATE, shared=shared).run(ticks, fade=0.0))
     if outcome.status != "ok":
         raise OSError(f"the measurement ended: {outcome.status} at {outcome.culprit}. Repeat it on an idle machine")
-    return sum(program.reports.missed.values()), page.statistics()["missed"]
+    return sum(program.reports.missed.values()), shared.statistics()["missed"]
 
 
 def c_chunk(loop: Callable[..., float], sockets: Sequence[socket.socket], count: int, ticks: int) -> tuple[int, int]:

@@ -199,9 +199,9 @@ def measure(
                 contenders[C].add(counts_of(late), counts_of(off), len(late), missed)
                 for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
                     result = chunk(rate, seconds, python_blocks, realtime, folder)
-                    statistics, page = result.statistics, result.page
-                    assert page is not None
-                    late, off = page.counts("lateness"), page.counts("period")
+                    statistics, shared = result.statistics, result.shared
+                    assert shared is not None
+                    late, off = shared.counts("lateness"), shared.counts("period")
                     contenders[name].add(late, off, statistics["ticks"], statistics["missed"])
     return results
 

@@ -45,9 +45,9 @@ def recording(rounds: int = 7, ticks: int = 10_000) -> float:
     for _ in range(rounds):
         took = []
         for schedule in schedules:
-            page = SharedState((ticks + 1) * 8 * (3 + len(schedule.columns)))
-            uninterrupted(Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks))
-            counts = page.statistics()
+            shared = SharedState((ticks + 1) * 8 * (3 + len(schedule.columns)))
+            uninterrupted(Executor(Program(schedule), 1000, shared=shared, virtual=True).run(ticks))
+            counts = shared.statistics()
             took.append(counts["busy"] / counts["ticks"])
         differences.append(took[1] - took[0])
     return statistics.median(differences)
@@ -74,7 +74,7 @@ def drift() -> float:
 def growth(few: int = 10_000, many: int = 10_000_000) -> int:
     """Return the growth of resident memory in bytes between `few` and `many` ticks, with an unread shared ring."""
     schedule = compile(diagram(1000, 3, 12))
-    executor = Executor(Program(schedule), 1000, page=SharedState(1 << 20), virtual=True)
+    executor = Executor(Program(schedule), 1000, shared=SharedState(1 << 20), virtual=True)
     uninterrupted(executor.run(few))
     before = resident()
     uninterrupted(executor.run(many))

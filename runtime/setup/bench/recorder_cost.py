@@ -71,19 +71,19 @@ def measure(csv: bool, ticks: int = 20_000, compression: str = "zstd") -> tuple[
             "sinks": [sink] if csv else [],
             "status_line": False,
         }
-        page = SharedState(1 << 20)
-        recording = Recording(plan, page)
+        shared = SharedState(1 << 20)
+        recording = Recording(plan, shared)
         recording.open()
         recording.begin()
         spent = 0.0
         for first in range(0, ticks, FLUSH_TICKS):
             for tick in range(first, first + FLUSH_TICKS):
                 for kind, payload in tick_records(tick):
-                    page.push(kind, payload)
+                    shared.push(kind, payload)
             start = time.process_time()
-            recording.take(read(page))
+            recording.take(read(shared))
             recording.flush()
-            page.release()
+            shared.release()
             spent += time.process_time() - start
         recording.finish(False)
         size = os.path.getsize(os.path.join(folder, "bench.mcap"))

@@ -83,17 +83,17 @@ def chunk(totals: Beside, seconds: float, sensors: Path | None = None, realtime:
     lines = StreamLines(devices)
     if lines.problems:
         raise OSError(str(lines.problems[0]))
-    page = SharedState(1 << 22)
+    shared = SharedState(1 << 22)
     with Realtime(realtime):
         lines.start(PRIORITY - 1 if realtime != "off" else 0)
         control = Program(schedule, [lines.lines[name][1].end for name in schedule.buses])
-        executor = Executor(control, LOOP, page=page)
+        executor = Executor(control, LOOP, shared=shared)
         processor, wall = time.process_time(), time.perf_counter()
         uninterrupted(executor.run(round(seconds * LOOP), arming_timeout=5.0))
         totals.processor += time.process_time() - processor
         totals.wall += time.perf_counter() - wall
-    totals.lateness = totals.lateness + page.counts("lateness")
-    totals.missed += page.statistics()["missed"]
+    totals.lateness = totals.lateness + shared.counts("lateness")
+    totals.missed += shared.statistics()["missed"]
     for device in devices:
 
         def reported(name: str) -> int:

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from runtime.host.console.progress import rounds
 from runtime.host.errors import BadInput
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.host.system import end_with_parent
 from runtime.setup.bench.measure import Times
 
@@ -59,9 +59,9 @@ def first_tick(file: Path) -> tuple[float, int]:
             preexec_fn=end_with_parent,
         )
         try:
-            page = wait_for(child, lambda: page_of(child.pid))
-            wait_for(child, lambda: page.statistics()["ticks"] > 0)
-            seconds, kilobytes = (page.wall + page.first_tick - began) * 1e-9, resident(child.pid)
+            shared = wait_for(child, lambda: shared_state_of(child.pid))
+            wait_for(child, lambda: shared.statistics()["ticks"] > 0)
+            seconds, kilobytes = (shared.wall + shared.first_tick - began) * 1e-9, resident(child.pid)
         except BaseException:
             child.kill()
             raise

@@ -77,9 +77,9 @@ def main(name: str, seconds: str, realtime: str, folder: str, port: str) -> None
     except (RealtimeRefused, RecorderError) as error:
         report = {"refused": str(error)}
     else:
-        page = result.page
-        assert page is not None
-        report = {what: page.counts(what).tolist() for what in ("lateness", "period")}
+        shared = result.shared
+        assert shared is not None
+        report = {what: shared.counts(what).tolist() for what in ("lateness", "period")}
         report |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")}
         report["problems"] = result.recording["problems"]
     print(json.dumps(report))

@@ -286,7 +286,9 @@ def with_chatter(robot, plant, chatter):
     rig = Rig(robot)
     chatter.end = rig.buses["can"].device
     rig.plant = Program(compile(plant), [])
-    rig.executor = Executor(rig.control, rig.schedule.rate, plant=rig.plant, substeps=5, page=rig.page, virtual=True)
+    rig.executor = Executor(
+        rig.control, rig.schedule.rate, plant=rig.plant, substeps=5, shared=rig.shared, virtual=True
+    )
     return rig
 
 
@@ -387,14 +389,14 @@ def test_occasionally_lost_frames_do_not_end_a_run():
 
 def strange(kind, model, frame, guard=30.0):
     """A run in which a foreign frame arrives at tick 20."""
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")
         source = Then(lambda: rig.buses["can"].device.send(frame[0] & 0x1FFFFFFF, frame[1], bool(frame[0] & EXTENDED)))
         source.outputs = {"y": Output("N·m" if kind is CubeMarsV3 else "A", range=(0.0, 0.2)).named("y")}
         drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": source()})
-    rig = Rig(robot, joint_of(drive), page=page, guard=guard)
+    rig = Rig(robot, joint_of(drive), shared=shared, guard=guard)
     return rig.run(60)
 
 

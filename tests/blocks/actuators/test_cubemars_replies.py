@@ -82,9 +82,9 @@ def test_replies_of_another_length_are_counted_and_reported(length):
 
 def guarded(walk, plant=None):
     """A rig whose guardian is active: other controllers are then a fault."""
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    return Rig(walk, plant, page=page, guard=30.0)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    return Rig(walk, plant, shared=shared, guard=30.0)
 
 
 class Renamed(Block):

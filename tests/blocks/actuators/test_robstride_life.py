@@ -61,8 +61,8 @@ class Watcher(Block):
 
 def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=30.0, **parameters):
     """(rig, drive, watcher): one drive under a guardian that has just looked. action : called in a tick"""
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:
         drive = kind("RS03", name="drive", **parameters)
         name = "torque_command" if "torque_command" in drive.inputs else next(iter(drive.inputs))
@@ -73,7 +73,7 @@ def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=30.
         limb(torque=emulated.torque)
         emulated(position=limb.position, velocity=limb.velocity)
         watcher(emulated.enabled)
-    return Rig(robot, plant, page=page, guard=guard), drive, watcher
+    return Rig(robot, plant, shared=shared, guard=guard), drive, watcher
 
 
 def flagged(frames):

@@ -193,7 +193,7 @@ def test_an_inference_of_many_periods_makes_no_tick_late(tmp_path):
     path = models.slow(tmp_path / "m.onnx", 6000)
     with Diagram("robot", rate=200.0) as diagram:
         OnnxModel(path, name="net", run="worker", latency=0.02)(Sine(unit="rad")(), 0.0, 70.0)
-    executor = Executor(Program(compile(recorded(diagram))), 200.0, page=SharedState(1 << 20))
+    executor = Executor(Program(compile(recorded(diagram))), 200.0, shared=SharedState(1 << 20))
     assert executor.run(120).status == "ok"
     assert not any("net" in row["name"] for row in executor.overruns)
     assert diagram["net"].inference_times["max"] > 0.05

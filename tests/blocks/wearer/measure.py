@@ -192,7 +192,7 @@ def cost(**parameters: Any):
             for _ in range(walker):
                 Walker(**parameters)()
         schedule = compile(diagram)
-        executor = Executor(Program(schedule, []), 1000.0, page=SharedState(1 << 16), virtual=True)
+        executor = Executor(Program(schedule, []), 1000.0, shared=SharedState(1 << 16), virtual=True)
         begin = time.process_time()
         executor.run(ticks)
         return (time.process_time() - begin) / ticks

@@ -23,5 +23,5 @@ def test_a_jump_in_the_ticks_of_a_recording_costs_no_time():
     clock = ReplayClock(lambda: False, False)
     clock.give(ticks, np.zeros(5, dtype=np.int64))
     began = time.monotonic()
-    outcome = Executor(Program(compile(diagram), []), 200.0, virtual=True, tape=clock).run()
+    outcome = Executor(Program(compile(diagram), []), 200.0, virtual=True, replay=clock).run()
     assert outcome.status == "ok" and outcome.tick == 10**12 + 1 and time.monotonic() - began < 1.0

@@ -323,12 +323,12 @@ class Robot:
                 SocketCan(self.wires[f"bus{number}"].far) if number in far else None for number in range(1, drives + 1)
             ]
             plant = Program(model, [MemoryBus().device if can is None else can.end for can in self.far])
-        self.page = SharedState(1 << 22)
-        self.executor = Executor(self.control, 200, plant=plant, page=self.page)
+        self.shared = SharedState(1 << 22)
+        self.executor = Executor(self.control, 200, plant=plant, shared=self.shared)
 
     def run(self, ticks):
         outcome = self.executor.run(ticks, fade=0.0)
-        self.frames = [FRAME.unpack(record) for kind, record in self.page.drain(1 << 30) if kind == RECORD_FRAME]
+        self.frames = [FRAME.unpack(record) for kind, record in self.shared.drain(1 << 30) if kind == RECORD_FRAME]
         return outcome
 
     def sent(self, bus=0):
@@ -355,7 +355,7 @@ def test_a_drive_behind_a_socket_is_armed_runs_and_stops():
     sent = robot.sent()
     assert sent[:2] == [ENABLE, NOTHING] and sent[-2:] == STOP
     assert len([data for data in sent if data not in (ENABLE, NOTHING, DISABLE)]) == 40
-    frames = robot.page.statistics()["frames"]
+    frames = robot.shared.statistics()["frames"]
     assert frames["sent"] == len(sent) and frames["foreign"] == frames["malformed"] == 0 and frames["received"] >= 40
 
 
@@ -408,7 +408,7 @@ def test_a_second_run_over_the_same_bus_starts_fresh():
     robot.far[0].end.send(ERROR | RESTARTED, bytes(8))
     outcome = robot.run(5)
     assert (outcome.status, wire.can.worst) == ("ok", "active") and robot.sent()[:2] == [ENABLE, NOTHING]
-    assert robot.page.statistics()["frames"]["foreign"] == 0
+    assert robot.shared.statistics()["frames"]["foreign"] == 0
 
 
 def test_blocked_queue_ends_run_and_only_accepted_frames_count_as_sent():
@@ -417,7 +417,7 @@ def test_blocked_queue_ends_run_and_only_accepted_frames_count_as_sent():
     with far_end(robot, SILENT_SCRIPT):
         outcome = robot.run(2000)
     assert (outcome.status, outcome.culprit, wire.can.trouble) == ("bus error", "bus1", "full")
-    frames = robot.page.statistics()["frames"]
+    frames = robot.shared.statistics()["frames"]
     assert frames["sent"] == len(robot.sent()) and wire.can.counts["refused"] >= 10
 
 
@@ -437,7 +437,7 @@ def test_a_node_that_floods_the_bus_does_not_delay_a_tick():
     robot = Robot(far=())
     with far_end(robot, BABBLING_SCRIPT):
         outcome = robot.run(60)
-    statistics = robot.page.statistics()
+    statistics = robot.shared.statistics()
     assert outcome.status == "ok" and statistics["frames"]["foreign"] > 60 * 32  # there was always more to read
     assert statistics["frames"]["received"] <= 64 * (statistics["ticks"] + 250)
     assert statistics["execution"]["p50"] < 0.001  # s, of a period of 5 ms

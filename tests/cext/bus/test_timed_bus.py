@@ -109,14 +109,14 @@ def test_replies_arrive_after_their_transmission_time():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
     bus, schedule, plant = TimedBus(1e6), compile(robot), compile(plant_of(robot))
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     executor = Executor(
         Program(schedule, [bus.host]),
         schedule.rate,
         plant=Program(plant, [bus.device]),
         substeps=5,
-        page=page,
+        shared=shared,
         virtual=True,
     )
     assert executor.run(20).status == "ok" and bus.carried >= 40
-    assert page.statistics()["frames"]["received"] >= 20
+    assert shared.statistics()["frames"]["received"] >= 20

@@ -120,7 +120,7 @@ def test_a_replayed_run_has_the_recorded_lateness():
     ticks, late = [0, 1, 2, 13, 14], [10_000, 20_000, 30_000, 2_600_000, 40_000]
     blocks = iter([(ticks[:2], late[:2]), ([], []), (ticks[2:], late[2:])])
     clock = ReplayClock(lambda: (block := next(blocks, None)) is not None and (clock.give(*block) or True), True)
-    again = Rig(diagram, tape=clock)
+    again = Rig(diagram, replay=clock)
     assert again.run(-1).status == "ok" and again.tick.tolist() == ticks
     lateness = again.statistics()["lateness"]
     assert lateness["max"] == pytest.approx(0.0526) and lateness["max_at_tick"] == 13
@@ -258,4 +258,4 @@ def test_a_ring_that_cannot_hold_two_rows_is_refused():
     with Diagram("d", rate=10) as diagram:
         Wide()
     with pytest.raises(ValueError, match="a ring of 4096 bytes cannot hold two rows of 302 numbers"):
-        Rig(diagram, page=4096)
+        Rig(diagram, shared=4096)

@@ -89,7 +89,7 @@ def test_an_overrun_fault_names_the_block_and_stop_frames_follow_within_two_tick
     assert 3 <= statistics["missed"] and statistics["ticks"] == len(rig.tick) == len(rig.commands())
     assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == () and outcome.late == ()
     # where the others were found missed
-    due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9
+    due = rig.shared.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9
     sent = [frame.time for frame in rig.frames if frame.sent and frame.id == 1]
     assert due <= min(time for time in sent if time >= due) <= due + 2 * PERIOD * 1e9
     assert not [time for time in sent if due - PERIOD * 1e9 < time < due], "no command after the stall"

@@ -77,9 +77,9 @@ restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signa
 os.kill(os.getpid(), signal.SIGINT)
 print(json.dumps({
     "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick,
-    "unconfirmed": outcome.unconfirmed, "state": rig.page.state, "ticks": rig.tick.tolist(),
+    "unconfirmed": outcome.unconfirmed, "state": rig.shared.state, "ticks": rig.tick.tolist(),
     "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during,
-    "after": heard[len(during):], "statistics": rig.page.statistics()}))
+    "after": heard[len(during):], "statistics": rig.shared.statistics()}))
 sys.stdin.read()                        # a signal that comes late finds Python's handlers still there
 """
 
@@ -88,19 +88,19 @@ def robot(*actions, ticks=-1, options=(), state="running", frames=20):
     """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it.
     What it tells.
     """
-    page = SharedState(1 << 22)
+    shared = SharedState(1 << 22)
     child = subprocess.Popen(
-        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options],
+        [sys.executable, "-c", ROBOT, str(shared.fd), str(ticks), *options],
         cwd=ROOT,
         env=ENVIRONMENT,
-        pass_fds=[page.fd],
+        pass_fds=[shared.fd],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     deadline = time.monotonic() + 30
-    while page.state != state or page.statistics()["frames"]["sent"] < frames:
+    while shared.state != state or shared.statistics()["frames"]["sent"] < frames:
         assert child.poll() is None and time.monotonic() < deadline, (
             child.stderr.read() if child.poll() is not None else "never came up"
         )
@@ -186,12 +186,12 @@ def test_a_block_that_ignores_or_blocks_signals_cannot_prevent_the_end_of_the_ru
 
 
 def test_a_forked_child_that_returns_to_the_loop_is_ended():
-    page = SharedState(1 << 22)
+    shared = SharedState(1 << 22)
     done = subprocess.run(
-        [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"],
+        [sys.executable, "-c", ROBOT, str(shared.fd), "100", "forking"],
         cwd=ROOT,
         env=ENVIRONMENT,
-        pass_fds=[page.fd],
+        pass_fds=[shared.fd],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -233,7 +233,7 @@ del cycle
 try:
     rig.executor.run(10**6)
 except KeyboardInterrupt:
-    print("interrupted", rig.page.statistics()["frames"]["sent"], rig.page.state, gc.isenabled())
+    print("interrupted", rig.shared.statistics()["frames"]["sent"], rig.shared.state, gc.isenabled())
 """
 
 

@@ -158,8 +158,8 @@ def crashed(diagram):
         rig.run(1)
         os._exit(0)
     end = os.WTERMSIG(os.waitpid(child, 0)[1])
-    assert rig.page.fenced and rig.page.crashed == end and rig.page.hung is not None
-    return end, names(rig.schedule)[rig.page.hung]
+    assert rig.shared.fenced and rig.shared.crashed == end and rig.shared.hung is not None
+    return end, names(rig.schedule)[rig.shared.hung]
 
 
 @pytest.mark.parametrize("end", [signal.SIGABRT, pytest.param(signal.SIGSEGV, marks=needs_compiler)])
@@ -206,9 +206,9 @@ def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monke
     monkeypatch.setattr(library, "stencil_of", stencil_of)
     with Diagram("chain", RATE) as diagram:
         Tap(name="end")(Gain(2.0)(Cos(name="middle")(Gain(1.5)(Sine()()))))
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    rig = Rig(diagram, page=page, virtual=False, guard=60.0)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(diagram, shared=shared, virtual=False, guard=60.0)
     child = os.fork()
     if child == 0:
         if not answers:
@@ -217,12 +217,12 @@ def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monke
         os._exit(0)
     try:
         begin = time.monotonic()
-        while (not page.fenced or answers and page.hung == -1) and time.monotonic() < begin + 10.0:
+        while (not shared.fenced or answers and shared.hung == -1) and time.monotonic() < begin + 10.0:
             time.sleep(0.001)
     finally:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-    assert page.fenced and (names(rig.schedule)[page.hung] == "middle" if answers else page.hung == -1)
+    assert shared.fenced and (names(rig.schedule)[shared.hung] == "middle" if answers else shared.hung == -1)
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):

@@ -21,14 +21,14 @@ VALUES = (0, 1, 7, 8, 4095, 4096, 12288, 1 << 31, 1 << 40, (1 << 63) - 8, (1 << 
 class Intruder:
     """Another mapping of a page. It finds the words that it overwrites by the numbers in them."""
 
-    def __init__(self, page):
-        self.page, self.memory = page, mmap.mmap(page.fd, 0)
+    def __init__(self, shared):
+        self.shared, self.memory = shared, mmap.mmap(shared.fd, 0)
         self.words = {"magic": 0, "capacity": 8, **self.find()}
 
     def find(self):
         """Offsets of the ring's head and tail: the words that move with a record, and with its removal."""
         found = {}
-        for name, change in (("head", lambda: self.page.push(RECORD_ROW, bytes(56))), ("tail", self.page.drain)):
+        for name, change in (("head", lambda: self.shared.push(RECORD_ROW, bytes(56))), ("tail", self.shared.drain)):
             before = self.numbers()
             change()
             moved = [index for index, (old, new) in enumerate(zip(before, self.numbers())) if new - old == 64]
@@ -48,55 +48,55 @@ class Intruder:
         self.memory[begin : begin + 4096] = struct.pack("<Q", word) * 512
 
 
-def page_with_intruder():
-    page = SharedState(4096, live=(2, TEXT))
-    return page, Intruder(page)
+def state_with_intruder():
+    shared = SharedState(4096, live=(2, TEXT))
+    return shared, Intruder(shared)
 
 
 @pytest.mark.parametrize("name", ["magic", "capacity", "head", "tail"])
 @pytest.mark.parametrize("value", VALUES)
 def test_the_producer_writes_into_its_ring_alone(name, value):
-    page, intruder = page_with_intruder()
+    shared, intruder = state_with_intruder()
     intruder.write(name, value)
     for _ in range(300):
-        page.push(RECORD_EVENT, bytes(56))
-        page.live_values()
-    assert page.live == TEXT and page.live_values() == [(0.0, 0.0)] * 2
+        shared.push(RECORD_EVENT, bytes(56))
+        shared.live_values()
+    assert shared.live == TEXT and shared.live_values() == [(0.0, 0.0)] * 2
 
 
 @pytest.mark.parametrize("name", ["capacity", "head", "tail"])
 @pytest.mark.parametrize("value", VALUES)
 @pytest.mark.parametrize("reader", ["drain", "read", "take", "newest"])
 def test_a_reader_reads_its_ring_alone_or_reports_the_damage(name, value, reader):
-    page, intruder = page_with_intruder()
-    newest = NewestRow(page, 5)
+    shared, intruder = state_with_intruder()
+    newest = NewestRow(shared, 5)
     for _ in range(20):
-        page.push(RECORD_ROW, bytes(56))
+        shared.push(RECORD_ROW, bytes(56))
     intruder.write(name, value)
-    attempt(page, newest, reader)
+    attempt(shared, newest, reader)
 
 
 @pytest.mark.parametrize("kind", range(6))
 @pytest.mark.parametrize("size", [0, 1, 7, 8, 4088, 4096, 1 << 16, (1 << 32) - 1, (1 << 32) - 8])
 @pytest.mark.parametrize("reader", ["drain", "read", "take", "newest"])
 def test_a_record_of_any_size_is_read_within_the_ring_or_reported(kind, size, reader):
-    page, intruder = page_with_intruder()
-    newest = NewestRow(page, 5)
+    shared, intruder = state_with_intruder()
+    newest = NewestRow(shared, 5)
     for _ in range(20):
-        page.push(RECORD_ROW, bytes(56))
+        shared.push(RECORD_ROW, bytes(56))
     intruder.overwrite_ring(kind | size << 32)
-    attempt(page, newest, reader)
+    attempt(shared, newest, reader)
 
 
-def attempt(page, newest, reader):
+def attempt(shared, newest, reader):
     try:
         if reader == "drain":
-            found = sum(len(payload) for _, payload in page.drain(10_000))
+            found = sum(len(payload) for _, payload in shared.drain(10_000))
         elif reader == "read":
-            parts = [[part] if isinstance(part, tuple) else list(part) for part in read(page)]
+            parts = [[part] if isinstance(part, tuple) else list(part) for part in read(shared)]
             found = sum(len(payload) for part in parts for _, payload in part)
         elif reader == "take":
-            found = take(page, 5)[0].nbytes
+            found = take(shared, 5)[0].nbytes
         else:
             found = newest.values.nbytes if newest.look() else 0
     except ValueError as error:
@@ -108,13 +108,13 @@ def attempt(page, newest, reader):
 @pytest.mark.parametrize("name", ["magic", "capacity"])
 @pytest.mark.parametrize("value", VALUES)
 def test_another_process_maps_no_page_with_impossible_sizes(name, value):
-    page, intruder = page_with_intruder()
+    shared, intruder = state_with_intruder()
     intruder.write(name, value)
     if name == "capacity" and value == 4096:
-        assert SharedState(fd=page.fd).live == TEXT
+        assert SharedState(fd=shared.fd).live == TEXT
         return
     with pytest.raises(ValueError, match="not the shared state|contradict"):
-        SharedState(fd=page.fd)
+        SharedState(fd=shared.fd)
 
 
 def test_no_process_can_cut_the_shared_memory():
@@ -126,10 +126,10 @@ def test_no_process_can_cut_the_shared_memory():
 
 
 def test_an_unknown_state_counts_as_a_run_so_that_the_guardian_watches_it():
-    page, intruder = page_with_intruder()
+    shared, intruder = state_with_intruder()
     for state in (-1, 7, 1 << 30):
         intruder.memory[16:20] = struct.pack("<i", state)
-        assert page.state == "running"
+        assert shared.state == "running"
 
 
 @pytest.mark.parametrize("value", VALUES)
@@ -187,20 +187,20 @@ from tests.cext.ring.test_hostile_values import OVERWRITE
 from tests.cext.schedule.test_stop_values import PLANT, own, robot_with
 from tests.own_drives import Wired
 
-page = SharedState(1 << 16)
-arguments = [sys.executable, "-c", OVERWRITE, str(page.fd)]
-intruder = subprocess.Popen(arguments, pass_fds=[page.fd], stdout=subprocess.PIPE)
+shared = SharedState(1 << 16)
+arguments = [sys.executable, "-c", OVERWRITE, str(shared.fd)]
+intruder = subprocess.Popen(arguments, pass_fds=[shared.fd], stdout=subprocess.PIPE)
 try:
     intruder.stdout.readline()
     for _ in range(5):
         robot = robot_with(["mit"])
         with Diagram("plant", rate=PLANT) as plant:
             wired = Wired([own("mit")], PLANT, name="drives")
-        rig = Rig(robot, plant, page=page)
+        rig = Rig(robot, plant, shared=shared)
         wired.end = rig.buses["bus0"].device
         print(rig.executor.run(1000, fade=0.0).status)
         try:
-            page.drain(1 << 20)
+            shared.drain(1 << 20)
         except ValueError as error:
             assert "damaged" in str(error)
 finally:

@@ -214,10 +214,10 @@ def test_a_drive_under_a_tick_that_hangs_is_damped_inside_the_limit_by_the_watch
     with Diagram("plant", rate=200) as plant:
         drive = EmulatedCubeMars.of(robot["knee"], name="drive")
         drive(position=0.0, velocity=0.0)
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    rig = Rig(robot, plant, virtual=False, page=page, guard=60.0)
-    law.bus, law.zero, law.drive = rig.buses["can"].device, lambda: rig.page.began, PlayedDrive(AK80_9)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(robot, plant, virtual=False, shared=shared, guard=60.0)
+    law.bus, law.zero, law.drive = rig.buses["can"].device, lambda: rig.shared.began, PlayedDrive(AK80_9)
     assert rig.run(100, fade=0.0).status == "hung"
     played = law.drive
     assert played.worst() <= LIMIT + CODE and never_gains(played.log)

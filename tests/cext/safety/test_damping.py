@@ -72,7 +72,7 @@ def test_one_drive_is_damped_for_its_time_and_then_disabled_while_the_other_is_d
     assert [data for _, data in knee[len(damped) : len(damped) + 2]] == STOP and knee[len(damped)][0] == pytest.approx(
         0.3, abs=1e-9
     )
-    assert rig.page.fenced and rig.page.state == "safe"
+    assert rig.shared.fenced and rig.shared.state == "safe"
 
 
 def test_a_damped_limb_stops_and_a_disabled_one_continues_to_swing():
@@ -120,7 +120,7 @@ def test_drive_waiting_to_rearm_is_not_damped_again_at_run_end():
     outcome = rig.run(100, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], notify=lambda *arguments: None)
     assert outcome.status == "exception" and rig.tick[-1] == 99
     last = max(frame.time for frame in rig.frames if frame.sent and frame.data == rig.commands()[0])
-    assert rig.page.first_tick + 39 * 5_000_000 == last
+    assert rig.shared.first_tick + 39 * 5_000_000 == last
     damped = [frame.time - last for frame in rig.frames if frame.sent and frame.time > last and frame.data not in STOP]
     assert len(damped) == 50 and max(damped) < 0.12e9
     times = [frame.time for frame in rig.frames if frame.sent]
@@ -130,7 +130,7 @@ def test_drive_waiting_to_rearm_is_not_damped_again_at_run_end():
 def test_damping_ends_on_time_without_replies():
     rig = one_drive(lambda knee: 0.0, virtual=False, safe_stop="damp", stop_time=0.1)
     rig.executor.run(10, stopping_timeout=0.1)
-    assert rig.page.state == "safe"
+    assert rig.shared.state == "safe"
 
 
 @pytest.mark.parametrize(

@@ -28,50 +28,50 @@ class Crash(Block):
     def step(self, tick):
         if tick == 5:
             if sys.argv[2] == "fenced":
-                page.raise_fence()
+                shared.raise_fence()
             os.abort()
         return 0.0
 
-page = SharedState(fd=int(sys.argv[1]))
+shared = SharedState(fd=int(sys.argv[1]))
 with Diagram("robot", rate=100) as robot:
     Crash(name="crash")()
-Rig(robot, page=page).run(20)
+Rig(robot, shared=shared).run(20)
 """
 
 
-def fence_of(page):
-    return FENCE.unpack(os.pread(page.fd, FENCE.size, 0))[3]
+def fence_of(shared):
+    return FENCE.unpack(os.pread(shared.fd, FENCE.size, 0))[3]
 
 
 def crash(*words):
     """The shared state of a process that has crashed in a tick."""
-    page = SharedState(1 << 16)
+    shared = SharedState(1 << 16)
     process = subprocess.run(
-        [sys.executable, "-c", CRASHES, str(page.fd), *words],
+        [sys.executable, "-c", CRASHES, str(shared.fd), *words],
         cwd=ROOT,
         env=ENVIRONMENT,
-        pass_fds=[page.fd],
+        pass_fds=[shared.fd],
         capture_output=True,
         text=True,
     )
     assert process.returncode == -signal.SIGABRT, process.stderr
-    return page
+    return shared
 
 
 def test_a_crash_raises_the_fence_for_good():
     """A run that has crashed is never armed again, also not by a thread that goes on for a moment."""
-    page = crash("unfenced")
-    assert fence_of(page) == FOR_GOOD and page.crashed == signal.SIGABRT
+    shared = crash("unfenced")
+    assert fence_of(shared) == FOR_GOOD and shared.crashed == signal.SIGABRT
 
 
 @pytest.mark.hazard("H8e")
 def test_a_crash_does_not_lower_the_fence_of_the_guardian():
-    page = crash("fenced")
-    assert fence_of(page) == FOR_GOOD
+    shared = crash("fenced")
+    assert fence_of(shared) == FOR_GOOD
 
 
 def test_the_next_run_does_not_lower_the_fence_of_another_process():
     rig = one_drive(lambda knee: Constant(0.0)())
     assert rig.run(20).status == "ok" and rig.run(20).status == "ok"  # its own, of the stop, is lowered
-    rig.page.raise_fence()
-    assert rig.run(20).status == "fenced" and fence_of(rig.page) == FOR_GOOD
+    rig.shared.raise_fence()
+    assert rig.run(20).status == "fenced" and fence_of(rig.shared) == FOR_GOOD

@@ -33,12 +33,12 @@ class Then(Block):
         return 1.0
 
 
-def guarded(action=lambda: None, tick=20, *, page=None, **options):
+def guarded(action=lambda: None, tick=20, *, shared=None, **options):
     """One drive under a guardian that has just looked. action : called in a tick"""
-    page = page or SharedState(1 << 20)
+    shared = shared or SharedState(1 << 20)
     law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
-    rig = one_drive(law, options={"page": page, "guard": GUARD, **options})
-    page.look_after(time.monotonic_ns())
+    rig = one_drive(law, options={"shared": shared, "guard": GUARD, **options})
+    shared.look_after(time.monotonic_ns())
     return rig
 
 
@@ -51,7 +51,7 @@ def test_a_robot_under_a_guardian_runs():
 def test_without_its_guardian_nothing_is_armed():
     for looked in (0, time.monotonic_ns() - round(2e9 * GUARD)):
         rig = guarded()
-        rig.page.look_after(looked)
+        rig.shared.look_after(looked)
         outcome = rig.run(50)
         assert (outcome.status, outcome.culprit, outcome.tick) == ("unguarded", None, -1)
         assert ENABLE not in rig.sent() and set(rig.sent()) == {NOTHING, DISABLE}
@@ -59,7 +59,7 @@ def test_without_its_guardian_nothing_is_armed():
 
 @pytest.mark.hazard("H8f")
 def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
-    rig = guarded(lambda: rig.page.look_after(0))
+    rig = guarded(lambda: rig.shared.look_after(0))
     outcome = rig.run(200)
     assert (
         (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
@@ -68,11 +68,11 @@ def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
 
 def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
     """Its last check is recent; the kernel reports the death of its thread."""
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     alive, dying = os.pipe(), os.pipe()
     guardian = os.fork()
     if guardian == 0:
-        page.take_guard()
+        shared.take_guard()
         os.write(alive[1], b"!")
         os.read(dying[0], 1)
         os._exit(0)
@@ -82,16 +82,16 @@ def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
         os.write(dying[1], b"!")
         os.waitpid(guardian, 0)
 
-    rig = guarded(kill, page=page)
-    assert not page.guardian_died
+    rig = guarded(kill, shared=shared)
+    assert not shared.guardian_died
     outcome = rig.run(200)
     assert (
         (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
     )
-    assert page.guardian_died and page.guardian_died
+    assert shared.guardian_died and shared.guardian_died
     for descriptor in (*alive, *dying):
         os.close(descriptor)
-    del rig, page  # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
+    del rig, shared  # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
     gc.collect()
     another = SharedState(1 << 12)
     another.take_hold()
@@ -105,28 +105,28 @@ def test_a_guardian_that_stops_checking_ends_the_run():
 
 
 def test_without_its_guardian_the_loop_sends_one_round_of_stop_frames():
-    rig = guarded(lambda: rig.page.look_after(0), carried=True)
+    rig = guarded(lambda: rig.shared.look_after(0), carried=True)
     rig.run(200)
     assert rig.sent()[-2:] == [NOTHING, DISABLE] and rig.sent().count(DISABLE) == 1
 
 
 def test_a_run_without_a_guardian_does_not_look_for_one():
-    rig = guarded(lambda: rig.page.look_after(0), guard=0.0)
+    rig = guarded(lambda: rig.shared.look_after(0), guard=0.0)
     assert rig.run(50).status == "ok"
 
 
 def test_each_tick_updates_the_heartbeat_of_the_loop():
     beats = []
-    rig = guarded(lambda: beats.append((rig.page.beat, time.monotonic_ns())))
+    rig = guarded(lambda: beats.append((rig.shared.beat, time.monotonic_ns())))
     before = time.monotonic_ns()
     rig.run(30)
     [(beat, at)] = beats
-    assert before < beat <= at and at < rig.page.beat < time.monotonic_ns()
+    assert before < beat <= at and at < rig.shared.beat < time.monotonic_ns()
 
 
 @pytest.mark.hazard("H4d")
 def test_fence_raised_within_tick_blocks_its_frames():
-    rig = guarded(lambda: rig.page.raise_fence())
+    rig = guarded(lambda: rig.shared.raise_fence())
     outcome = rig.run(200)
     assert (outcome.status, outcome.tick) == ("fenced", 20) and len(rig.commands()) == 20 and ends_in_the_safe_stop(rig)
 
@@ -158,7 +158,7 @@ def test_other_frames_are_not_foreign_commands(identifier, data, extended):
 
 def test_after_the_fence_commands_are_those_of_the_guardian():
     def fence():
-        rig.page.raise_fence()
+        rig.shared.raise_fence()
         rig.buses["can"].device.send(1, DISABLE)
 
     rig = guarded(fence)

@@ -15,26 +15,26 @@ HOLDER = """
 import sys
 from cext.safety.shared_state import SharedState
 
-page = SharedState(fd=int(sys.argv[1]))
-page.take_hold()
+shared = SharedState(fd=int(sys.argv[1]))
+shared.take_hold()
 print("held", flush=True)
 sys.stdin.readline()
-page.let_go()
+shared.let_go()
 print("gone", flush=True)
 sys.stdin.readline()
 """
 
 
 @pytest.fixture
-def page():
+def shared():
     return SharedState(1 << 12)
 
 
 @pytest.fixture
-def holder(page):
+def holder(shared):
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(page.fd)],
-        pass_fds=[page.fd],
+        [sys.executable, "-c", HOLDER, str(shared.fd)],
+        pass_fds=[shared.fd],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -51,8 +51,8 @@ def is_told(mourner, seconds):
     return bool(select.select([mourner.fd], [], [], seconds)[0])
 
 
-def test_death_of_mutex_owner_is_reported(page, holder):
-    mourner = OwnerDeathWatcher(page)
+def test_death_of_mutex_owner_is_reported(shared, holder):
+    mourner = OwnerDeathWatcher(shared)
     assert not is_told(mourner, 0.05)
     holder.send_signal(signal.SIGSTOP)
     assert not is_told(mourner, 0.05)  # it stands still, and is there
@@ -60,14 +60,14 @@ def test_death_of_mutex_owner_is_reported(page, holder):
     assert is_told(mourner, 5.0)
 
 
-def test_owner_death_before_wait_is_reported(page, holder):
+def test_owner_death_before_wait_is_reported(shared, holder):
     holder.kill()
     holder.wait()
-    assert is_told(OwnerDeathWatcher(page), 5.0)
+    assert is_told(OwnerDeathWatcher(shared), 5.0)
 
 
-def test_death_after_mutex_release_is_not_reported(page, holder):
-    mourner = OwnerDeathWatcher(page)
+def test_death_after_mutex_release_is_not_reported(shared, holder):
+    mourner = OwnerDeathWatcher(shared)
     print(file=holder.stdin, flush=True)
     assert holder.stdout.readline() == "gone\n"
     holder.kill()
@@ -75,9 +75,9 @@ def test_death_after_mutex_release_is_not_reported(page, holder):
     assert not is_told(mourner, 0.1)
 
 
-def test_the_loops_mutex_belongs_to_one_process_and_is_recursive(page, holder):
+def test_the_loops_mutex_belongs_to_one_process_and_is_recursive(shared, holder):
     with pytest.raises(OSError, match="another thread holds the loop's mutex"):
-        page.take_hold()
+        shared.take_hold()
     mine = SharedState(1 << 12)
     mine.take_hold()
     mine.take_hold()

@@ -15,31 +15,31 @@ def frame(number, sent, length=8):
 
 
 def test_rows_and_sent_frames_are_arrays_in_order():
-    page = SharedState(1 << 14)
+    shared = SharedState(1 << 14)
     for tick in range(3):
-        page.push(RECEIVED, bytes(8))
-        page.push(FRAMES, frame(10 * tick, sent=False))
-        page.push(FRAMES, frame(10 * tick + 1, sent=True, length=3))
-        page.push(ROW, np.array([tick, 0.5, 7.0, np.nan]).tobytes())
-    page.push(RECORD_EVENT, b'{"a":1}')
-    rows, sent, before, others = take(page, 2)
+        shared.push(RECEIVED, bytes(8))
+        shared.push(FRAMES, frame(10 * tick, sent=False))
+        shared.push(FRAMES, frame(10 * tick + 1, sent=True, length=3))
+        shared.push(ROW, np.array([tick, 0.5, 7.0, np.nan]).tobytes())
+    shared.push(RECORD_EVENT, b'{"a":1}')
+    rows, sent, before, others = take(shared, 2)
     np.testing.assert_array_equal(rows, [[tick, 0.5, 7.0, np.nan] for tick in range(3)])
     assert before.tolist() == [0, 1, 2] and others == [(RECORD_EVENT, b'{"a":1} ')]
     assert bytes(sent[1]) == FRAME.pack(11, 0x101, 3, 0, 0, True, b"\xff" * 3)  # no bytes beyond its length
-    assert page.empty and len(take(page, 2)[0]) == 0
+    assert shared.empty and len(take(shared, 2)[0]) == 0
 
 
 def test_a_wrapping_ring_is_read_correctly():
-    page = SharedState(1 << 12)
+    shared = SharedState(1 << 12)
     for tick in range(1000):
-        assert page.push(ROW, np.array([float(tick), 0.0, 1.0]).tobytes())
+        assert shared.push(ROW, np.array([float(tick), 0.0, 1.0]).tobytes())
         if tick % 7 == 6:
-            rows = take(page, 1)[0]
+            rows = take(shared, 1)[0]
             assert rows[:, 0].tolist() == list(range(tick - 6, tick + 1))
 
 
 def test_row_of_another_size_is_refused():
-    page = SharedState(1 << 12)
-    page.push(ROW, bytes(32))
+    shared = SharedState(1 << 12)
+    shared.push(ROW, bytes(32))
     with pytest.raises(ValueError, match="a row has 32 bytes, not 40"):
-        take(page, 3)
+        take(shared, 3)

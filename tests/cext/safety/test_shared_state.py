@@ -1,4 +1,4 @@
-"""The ring and the counters of the shared page: order, wrap-around, drops, a second process, percentiles."""
+"""The ring and the counters of the shared state: order, wrap-around, drops, a second process, percentiles."""
 
 import gc
 import os
@@ -20,24 +20,24 @@ def payload(number, words):
 
 
 def test_records_are_drained_in_order_with_kind():
-    page = SharedState(4096)
+    shared = SharedState(4096)
     for number, kind in enumerate((RECORD_ROW, RECORD_FRAME, RECORD_EVENT)):
-        assert page.push(kind, payload(number, 1))
-    assert page.drain() == [(RECORD_ROW, payload(0, 1)), (RECORD_FRAME, payload(1, 1)), (RECORD_EVENT, payload(2, 1))]
-    assert page.drain() == [] and page.empty
+        assert shared.push(kind, payload(number, 1))
+    assert shared.drain() == [(RECORD_ROW, payload(0, 1)), (RECORD_FRAME, payload(1, 1)), (RECORD_EVENT, payload(2, 1))]
+    assert shared.drain() == [] and shared.empty
 
 
 def test_payload_is_padded_to_whole_words():
-    page = SharedState(4096)
-    page.push(RECORD_EVENT, b'{"a": 1}' + b"!")
-    page.push(RECORD_EVENT, b"")
-    assert page.drain() == [(RECORD_EVENT, b'{"a": 1}!       '), (RECORD_EVENT, b"")]
+    shared = SharedState(4096)
+    shared.push(RECORD_EVENT, b'{"a": 1}' + b"!")
+    shared.push(RECORD_EVENT, b"")
+    assert shared.drain() == [(RECORD_EVENT, b'{"a": 1}!       '), (RECORD_EVENT, b"")]
 
 
 def test_capacity_is_rounded_up_to_a_power_of_two():
-    page = SharedState(5000)
+    shared = SharedState(5000)
     pushed = 0
-    while page.push(RECORD_ROW, bytes(56)):
+    while shared.push(RECORD_ROW, bytes(56)):
         pushed += 1
     assert (
         pushed == 8192 // 64
@@ -47,83 +47,83 @@ def test_capacity_is_rounded_up_to_a_power_of_two():
 
 
 def test_a_full_ring_rejects_records_until_it_is_read():
-    page = SharedState(4096)
-    pushed = sum(page.push(RECORD_ROW, payload(number, 7)) for number in range(100))
+    shared = SharedState(4096)
+    pushed = sum(shared.push(RECORD_ROW, payload(number, 7)) for number in range(100))
     assert pushed == 64
-    assert [kind for kind, _ in page.drain(3)] == [RECORD_ROW] * 3
-    assert [page.push(RECORD_ROW, payload(200 + number, 7)) for number in range(4)] == [True, True, True, False]
-    numbers = [int.from_bytes(record[:8], "little") for _, record in page.drain()]
+    assert [kind for kind, _ in shared.drain(3)] == [RECORD_ROW] * 3
+    assert [shared.push(RECORD_ROW, payload(200 + number, 7)) for number in range(4)] == [True, True, True, False]
+    numbers = [int.from_bytes(record[:8], "little") for _, record in shared.drain()]
     assert numbers == [*range(3, 64), 200, 201, 202]
 
 
 def test_a_record_is_never_cut_at_the_end_of_the_ring():
-    page = SharedState(4096)
+    shared = SharedState(4096)
     for lap in range(200):
-        assert page.push(RECORD_ROW, payload(lap, 100)), lap  # 808 bytes do not divide 4096
-        assert page.drain() == [(RECORD_ROW, payload(lap, 100))]
+        assert shared.push(RECORD_ROW, payload(lap, 100)), lap  # 808 bytes do not divide 4096
+        assert shared.drain() == [(RECORD_ROW, payload(lap, 100))]
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.one_of(st.integers(0, 300), st.just("drain")), max_size=200), st.integers(1, 20))
 def test_accepted_records_are_drained_once_and_in_order(actions, most):
-    page = SharedState(4096)
+    shared = SharedState(4096)
     taken, out = [], []
     for number, action in enumerate(actions):
         if action == "drain":
-            out += page.drain(most)
+            out += shared.drain(most)
             continue
         record = payload(number, action)
-        if page.push(RECORD_ROW, record):
+        if shared.push(RECORD_ROW, record):
             taken.append((RECORD_ROW, record))
-    while not page.empty:
-        out += page.drain(most)
+    while not shared.empty:
+        out += shared.drain(most)
     assert out == taken
 
 
 READER = """
 import sys
 from cext.safety.shared_state import SharedState
-page = SharedState(fd=int(sys.argv[1]))
+shared = SharedState(fd=int(sys.argv[1]))
 expected = count = 0
 while True:
-    closed = page.closed
-    for kind, record in page.drain(64):
+    closed = shared.closed
+    for kind, record in shared.drain(64):
         number = int.from_bytes(record[:8], "little")
         assert number >= expected and len(record) == 8 * (number % 37 + 1)
         assert record == number.to_bytes(8, "little") * (len(record) // 8)
         expected, count = number + 1, count + 1
-    if closed and page.empty:
+    if closed and shared.empty:
         break
 print(count)
 """
 
 
 def test_another_process_reads_every_record_whole_and_in_order_while_this_one_writes():
-    page = SharedState(1 << 14)
+    shared = SharedState(1 << 14)
     reader = subprocess.Popen(
-        [sys.executable, "-c", READER, str(page.fd)], pass_fds=[page.fd], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", READER, str(shared.fd)], pass_fds=[shared.fd], stdout=subprocess.PIPE, text=True
     )
     pushed = refused = 0
     for number in range(100_000):
-        if page.push(RECORD_ROW, payload(number, number % 37 + 1)):
+        if shared.push(RECORD_ROW, payload(number, number % 37 + 1)):
             pushed += 1
         else:
             refused += 1
             os.sched_yield()
-    page.close()
+    shared.close()
     text, _ = reader.communicate(timeout=60)
     assert reader.returncode == 0 and int(text) == pushed
     assert pushed + refused == 100_000 and pushed > 1000
 
 
 def test_all_mappings_of_the_shared_state_share_memory():
-    page = SharedState(4096)
-    other = SharedState(fd=page.fd)
+    shared = SharedState(4096)
+    other = SharedState(fd=shared.fd)
     other.raise_fence()
-    page.close()
-    assert page.fenced and other.closed and page.state == other.state == "init"
-    page.push(RECORD_EVENT, b"12345678")
-    assert other.drain() == [(RECORD_EVENT, b"12345678")] and page.empty
+    shared.close()
+    assert shared.fenced and other.closed and shared.state == other.state == "init"
+    shared.push(RECORD_EVENT, b"12345678")
+    assert other.drain() == [(RECORD_EVENT, b"12345678")] and shared.empty
 
 
 def test_file_without_shared_state_is_refused(tmp_path):
@@ -141,9 +141,9 @@ def test_pages_leave_no_file_open():
 
     before = open_files()
     for _ in range(50):
-        page = SharedState(4096)
-        SharedState(fd=page.fd)
-    del page
+        shared = SharedState(4096)
+        SharedState(fd=shared.fd)
+    del shared
     assert open_files() == before
 
 
@@ -172,8 +172,8 @@ def test_a_negative_duration_counts_as_none_and_no_durations_have_no_percentiles
 
 def test_random_payloads_round_trip():
     source = random.Random(3)
-    page = SharedState(1 << 13)
+    shared = SharedState(1 << 13)
     for _ in range(500):
         record = source.randbytes(8 * source.randrange(1, 60))
-        page.push(RECORD_FRAME, record)
-        assert page.drain() == [(RECORD_FRAME, record)]
+        shared.push(RECORD_FRAME, record)
+        assert shared.drain() == [(RECORD_FRAME, record)]

@@ -30,10 +30,10 @@ def suspend():
 
 rig = guarded(suspend, tick, guard=guard)
 if guard == 0.0:
-    rig.page.look_after(0)
+    rig.shared.look_after(0)
 outcome = rig.run(60)
 print(json.dumps([outcome.status, outcome.culprit, outcome.tick, len(rig.commands()), ends_in_the_safe_stop(rig),
-                  rig.page.suspended * 1e-9, rig.page.fenced]))
+                  rig.shared.suspended * 1e-9, rig.shared.fenced]))
 """
 
 

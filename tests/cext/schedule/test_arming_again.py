@@ -105,7 +105,7 @@ class Survivor:
             Rearm(name="again")(Ask(set(asks), name="ask")())
             more()
         self.rig = Rig(robot, (plant or plant_of)(robot), **options)
-        self.writer = Writer(self.rig.page, "keys")
+        self.writer = Writer(self.rig.shared, "keys")
         self.slots = [self.rig.schedule.inputs["again"]["request"]]
         self.heard, self.answers = [], {}
 
@@ -117,7 +117,7 @@ class Survivor:
         if what == "stop":
             self.writer.stop()
         else:
-            self.writer.confirm(self.rig.page.question)
+            self.writer.confirm(self.rig.shared.question)
         return 2.0
 
     def tell(self, what, outcome):
@@ -226,11 +226,11 @@ def test_a_confirmation_from_before_the_fault_that_is_delivered_after_it_has_no_
     """As of a recorder that is stopped for a while: the key was pressed before the transient fault."""
     before = []
     script = {
-        40: lambda: before.append((robot.rig.page.question, time.monotonic_ns())) or 2.0,
+        40: lambda: before.append((robot.rig.shared.question, time.monotonic_ns())) or 2.0,
         45: lambda: time.sleep(0.005) or 2.0,  # the time of a key has a resolution of a millisecond
         50: nan,
         80: lambda: robot.writer.confirm(*before[0]) or 2.0,
-        90: lambda: robot.writer.confirm(robot.rig.page.question, before[0][1]) or 2.0,
+        90: lambda: robot.writer.confirm(robot.rig.shared.question, before[0][1]) or 2.0,
         100: lambda: robot.writer.confirm(before[0][0], time.monotonic_ns()) or 2.0,
     }
     robot = Survivor(script)
@@ -319,23 +319,23 @@ def test_a_stop_while_it_waits_ends_with_the_fault():
 
 
 def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():
-    robot = Survivor({50: nan, 80: lambda: robot.rig.page.raise_fence() or 2.0}, asks=[90])
+    robot = Survivor({50: nan, 80: lambda: robot.rig.shared.raise_fence() or 2.0}, asks=[90])
     outcome = robot.run()
     assert (outcome.status, [fault.status for fault in outcome.faults]) == ("fenced", ["not finite"])
     assert robot.rig.sent().count(ENABLE) == 1 and ends_in_the_safe_stop(robot.rig)
 
 
 def test_a_waiting_run_updates_its_heartbeat_and_monitors_the_guardian():
-    beats, page = [], SharedState(1 << 21)
+    beats, shared = [], SharedState(1 << 21)
 
     def live():
-        beats.append(page.beat)
-        page.look_after(time.monotonic_ns())
+        beats.append(shared.beat)
+        shared.look_after(time.monotonic_ns())
         return 2.0
 
-    script = {tick: live for tick in range(200)} | {50: nan, 90: lambda: page.look_after(0) or 2.0}
-    robot = Survivor(script, page=page, guard=5.0)
-    page.look_after(time.monotonic_ns())
+    script = {tick: live for tick in range(200)} | {50: nan, 90: lambda: shared.look_after(0) or 2.0}
+    robot = Survivor(script, shared=shared, guard=5.0)
+    shared.look_after(time.monotonic_ns())
     outcome = robot.run()
     assert (outcome.status, [fault.status for fault in outcome.faults], robot.rig.tick[-1]) == (
         "unguarded",
@@ -347,7 +347,7 @@ def test_a_waiting_run_updates_its_heartbeat_and_monitors_the_guardian():
 
 def test_a_fence_ends_a_run_without_devices():
     with Diagram("thoughts", rate=RATE) as robot:
-        Law({20: lambda: rig.page.raise_fence() or 2.0}, name="law")(0.0)
+        Law({20: lambda: rig.shared.raise_fence() or 2.0}, name="law")(0.0)
     rig = Rig(robot)
     outcome = rig.run(100)
     assert outcome.status == "fenced" and rig.tick[-1] == 20
@@ -372,7 +372,7 @@ def test_in_real_time_the_rounds_of_a_stop_are_5_ms_apart_until_time_is_up():
 
 
 def test_a_fence_of_another_process_ends_the_run_despite_rearm():
-    robot = Survivor({50: lambda: robot.rig.page.raise_fence() or 2.0}, asks=[80])
+    robot = Survivor({50: lambda: robot.rig.shared.raise_fence() or 2.0}, asks=[80])
     assert robot.run().status == "fenced" and robot.rig.sent().count(ENABLE) == 1
 
 

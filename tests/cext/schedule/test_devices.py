@@ -70,8 +70,8 @@ def test_a_drive_that_does_not_acknowledge_its_disable_has_not_confirmed_the_sto
                 if data not in (ENABLE, DISABLE):
                     self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=at)
                 if data == DISABLE:
-                    states.add(rig.page.state)
-                    beats.add(rig.page.beat)
+                    states.add(rig.shared.state)
+                    beats.add(rig.shared.beat)
             return 0.0
 
     states, beats = set(), set()
@@ -84,7 +84,7 @@ def test_a_drive_that_does_not_acknowledge_its_disable_has_not_confirmed_the_sto
     drive.end = rig.buses["can"].device
     outcome = rig.run(5)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ("knee",)) and len(rig.commands()) == 5
-    assert states == {"stopping"} and rig.page.state == "safe"
+    assert states == {"stopping"} and rig.shared.state == "safe"
     assert len(beats) == rig.sent().count(DISABLE) > 30  # it shows that it lives, all the time
 
 
@@ -109,7 +109,7 @@ def test_receive_time_is_recorded_even_without_frames():
         Sensor(name="sensor", timeout=0.0)
     rig = Rig(robot)
     rig.executor.run(20)
-    drains = [payload for kind, payload in rig.page.drain(1 << 30) if kind == RECORD_RECEIVED]
+    drains = [payload for kind, payload in rig.shared.drain(1 << 30) if kind == RECORD_RECEIVED]
     assert len(drains) >= 20 and len(set(drains)) >= 20
 
 
@@ -118,7 +118,7 @@ def test_receive_times_are_not_recorded_without_bus():
         StepSource(0.0, 1.0, 0.1)
     rig = Rig(robot)
     rig.executor.run(20)
-    assert RECORD_RECEIVED not in {kind for kind, _ in rig.page.drain(1 << 30)}
+    assert RECORD_RECEIVED not in {kind for kind, _ in rig.shared.drain(1 << 30)}
 
 
 def test_zero_timeout_disables_timeout():
@@ -245,7 +245,7 @@ def test_sensor_without_timeout_is_not_awaited_while_arming():
 def test_fence_raised_while_arming_blocks_further_arming_frames():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def raises_the_fence(arena, slots, sizes, frame):
-        rig.page.raise_fence()
+        rig.shared.raise_fence()
         return 1
 
     class Spy(Sensor):
@@ -317,14 +317,14 @@ def test_in_virtual_time_a_slow_reader_loses_nothing_of_a_long_stop(by_signal):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=f"drive{can_id}", timeout=0.0)(torque_command=1.0)
     for ticks in range(40, 100, 5):
         here, there = os.pipe()  # hangs up when nobody reads any more
-        rig, records, over = Rig(robot, plant, page=1 << 19, reader=here), [], threading.Event()
+        rig, records, over = Rig(robot, plant, shared=1 << 19, reader=here), [], threading.Event()
         hears.end = rig.buses["can"].device
         for can_id in range(1, 31):
             rig.buses["can"].device.send(can_id, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
 
         def read():
             while not over.wait(0.06):
-                records.extend(rig.page.drain(1 << 30))
+                records.extend(rig.shared.drain(1 << 30))
 
         thread = threading.Thread(target=read)
         thread.start()
@@ -335,7 +335,7 @@ def test_in_virtual_time_a_slow_reader_loses_nothing_of_a_long_stop(by_signal):
             thread.join()
             os.close(here)
             os.close(there)
-        records += rig.page.drain(1 << 30)
+        records += rig.shared.drain(1 << 30)
         statistics = rig.statistics()
         assert (
             outcome.signal == (signal.SIGTERM if by_signal else 0)
@@ -477,9 +477,9 @@ def test_the_blocked_one_of_several_buses_is_named():
 def test_frame_equal_to_a_command_is_a_foreign_command(batch):
     with Diagram("robot", rate=200) as robot:
         RobStride("RS03", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())  # where the guardian sees to it that we are alone
-    rig = Rig(robot, plant_of(robot), page=page, guard=30.0)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())  # where the guardian sees to it that we are alone
+    rig = Rig(robot, plant_of(robot), shared=shared, guard=30.0)
     number, extended, data = getattr(rig.schedule.devices[0], batch)[0]
     rig.buses["can"].device.send(number, bytes(len(data)), extended)
     assert (outcome := rig.run(20)).status == "foreign command" and outcome.culprit == "knee"

@@ -62,16 +62,16 @@ class Operator:
             path = Moved(joint or (lambda step: (0.3, 0.0)), name="joint")()
             motor(position=path.position, velocity=path.velocity, stray_torque=Play(stray, played, name="stray")())
         self.rig = Rig(robot, plant)
-        self.writer = Writer(self.rig.page, "keys")
+        self.writer = Writer(self.rig.shared, "keys")
         self.shown = []
 
     def act(self, name):
         if name == "stop":
             return lambda: self.writer.stop()
-        return lambda: self.writer.confirm(self.rig.page.question)
+        return lambda: self.writer.confirm(self.rig.shared.question)
 
     def run(self, ticks=20, **options):
-        options = {"answered": lambda: self.shown.append(self.rig.page.state), "confirm": True} | options
+        options = {"answered": lambda: self.shown.append(self.rig.shared.state), "confirm": True} | options
         return self.rig.run(ticks, fade=0.0, **options)
 
     def sent(self):
@@ -304,10 +304,10 @@ def test_settings_that_are_lost_while_the_operator_reads_the_table_are_written_a
         knee(torque_command=0.0)
     with Diagram("plant", rate=RATE * SUBSTEPS) as plant:
         writer = []
-        off = Play(lambda step: 500 <= step < 560, {1000: lambda: writer[0].confirm(rig.page.question)}, name="off")()
+        off = Play(lambda step: 500 <= step < 560, {1000: lambda: writer[0].confirm(rig.shared.question)}, name="off")()
         knee.emulator(name="motor")(position=0.3, velocity=0.0, power_lost=off)
     rig = Rig(robot, plant)
-    writer.append(Writer(rig.page, "keys"))
+    writer.append(Writer(rig.shared, "keys"))
     assert rig.run(50, answered=int, confirm=True).status == "ok"
     enable = next(k for k, frame in enumerate(rig.frames) if frame.sent and frame.id >> 24 & 31 == 3)
     late = [frame for frame in rig.frames[:enable] if frame.time > 0.99e9]

@@ -266,13 +266,13 @@ FAULTS = {
     "an exception in the plant": Fault(
         "exception", "wall", 1, commanded=True, unconfirmed=("left", "right"), plant=lambda: Wall(name="wall")
     ),
-    "a fence": Fault("fenced", None, act=lambda rig: rig.page.raise_fence()),
-    "a guardian that is gone": Fault("unguarded", None, 1, act=lambda rig: rig.page.look_after(0), guard=True),
+    "a fence": Fault("fenced", None, act=lambda rig: rig.shared.raise_fence()),
+    "a guardian that is gone": Fault("unguarded", None, 1, act=lambda rig: rig.shared.look_after(0), guard=True),
     "somebody else who enables": Fault("foreign command", "left", 1, act=command_by_somebody_else(ENABLE), guard=True),
     "somebody else who commands": Fault(
         "foreign command", "left", 1, act=command_by_somebody_else(NOTHING), guard=True
     ),
-    "the space bar": Fault("ok", None, 1, act=lambda rig: Writer(rig.page, "keys").stop()),
+    "the space bar": Fault("ok", None, 1, act=lambda rig: Writer(rig.shared, "keys").stop()),
     "SIGINT": Fault("ok", None, 1, act=lambda rig: signal.raise_signal(signal.SIGINT), commanded=True),
     "SIGTERM": Fault("ok", None, 1, act=lambda rig: signal.raise_signal(signal.SIGTERM), commanded=True),
     "SIGHUP": Fault("ok", None, 1, act=lambda rig: signal.raise_signal(signal.SIGHUP), commanded=True),
@@ -325,9 +325,9 @@ def build(fault):
                 **{name: signals[name] for name in signals if name not in drive}
             )
         thief = fault.plant() if fault.plant is not None else None
-    page = SharedState(1 << 21)
-    page.look_after(time.monotonic_ns())
-    rig = Rig(robot, plant, page=page, guard=30.0 if fault.guard else 0.0)
+    shared = SharedState(1 << 21)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(robot, plant, shared=shared, guard=30.0 if fault.guard else 0.0)
     if acts is not None:
         acts.rig = rig
     if thief is not None:
@@ -342,7 +342,7 @@ def test_every_drive_on_every_bus_receives_only_stop_within_two_ticks(what):
     rig = build(fault)
     outcome = rig.run(fault.ticks, fade=0.0)
     assert (outcome.status, outcome.culprit) == (fault.status, fault.culprit) and AT <= outcome.tick <= AT + fault.late
-    detected = rig.page.first_tick + outcome.tick * PERIOD
+    detected = rig.shared.first_tick + outcome.tick * PERIOD
     number = {name: index for index, name in enumerate(rig.schedule.buses)}
     first = min(place for place, frame in enumerate(rig.frames) if frame.sent and frame.data == DISABLE)
     behind = [frame for frame in rig.frames[first - 1 :] if frame.sent]
@@ -357,7 +357,7 @@ def test_every_drive_on_every_bus_receives_only_stop_within_two_ticks(what):
         torques = [frame for frame in sent if frame.data not in (ENABLE, NOTHING, DISABLE)]
         ticks = {frame.time for frame in torques}  # a command is repeated in its tick where replies are missing
         assert len(ticks) == outcome.tick + fault.commanded, "none of a tick that failed"
-        assert rig.page.fenced and rig.page.state == "safe"
+        assert rig.shared.fenced and rig.shared.state == "safe"
     assert outcome.unconfirmed == fault.unconfirmed
 
 

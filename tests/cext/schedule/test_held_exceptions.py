@@ -144,7 +144,7 @@ def test_only_first_held_exception_is_recorded():
         Flaky({5, 6, 9}, hold_exceptions=3, name="wobbly Ω")
     rig = Rig(diagram, record=False)
     assert rig.executor.run(20).status == "ok"
-    told = [json.loads(payload) for kind, payload in rig.page.drain(1000) if kind == RECORD_EVENT]
+    told = [json.loads(payload) for kind, payload in rig.shared.drain(1000) if kind == RECORD_EVENT]
     assert told == [{"event": "exception held", "block": "wobbly Ω", "tick": 5}]
 
 

@@ -68,7 +68,7 @@ def rig(make, script):
         make(StepSource(20.0, 20.0, unit="N·m", name="torque").y, On(name="on").y)
         poster = Poster(name="z_poster")
     found = Rig(diagram)
-    poster.script, poster.writer = script, Writer(found.page)
+    poster.script, poster.writer = script, Writer(found.shared)
     return found
 
 

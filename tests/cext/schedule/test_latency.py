@@ -17,14 +17,14 @@ def test_only_a_rig_in_real_time_times_answers():
 
 
 def test_a_reply_is_timed_once_from_the_preceding_command():
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    rig = one_drive(lambda knee: 0.0, virtual=False, options={"page": page, "guard": 5.0})
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = one_drive(lambda knee: 0.0, virtual=False, options={"shared": shared, "guard": 5.0})
     outcome = rig.run(100)
     found = rig.control.reports.latencies["knee"]
     assert outcome.status == "ok"
     # The emulated drive answers at the end of the tick that commands it, with the time of the grid. The last answer is
     # heard by the safe stop.
-    assert found["count"] == 100 - page.statistics()["missed"]
+    assert found["count"] == 100 - shared.statistics()["missed"]
     again = rig.run(50)
-    assert again.status == "ok" and rig.control.reports.latencies["knee"]["count"] == 50 - page.statistics()["missed"]
+    assert again.status == "ok" and rig.control.reports.latencies["knee"]["count"] == 50 - shared.statistics()["missed"]

@@ -171,13 +171,13 @@ class RaisesFence(Block):
 
     def step(self, u, tick):
         if tick == 30:
-            self.page.raise_fence()
+            self.shared.raise_fence()
         return 5.0
 
 
 def test_behind_a_fence_no_command_is_sent_and_the_run_ends_in_the_safe_stop():
     rig = one_drive(lambda knee: RaisesFence(name="guardian")(knee.torque))
-    rig.schedule.python_blocks[0].page = rig.page
+    rig.schedule.python_blocks[0].shared = rig.shared
     outcome = rig.run(100)
     assert (outcome.status, outcome.tick) == ("fenced", 30)
     assert len(rig.commands()) == 30 and ends_in_the_safe_stop(rig)
@@ -185,7 +185,7 @@ def test_behind_a_fence_no_command_is_sent_and_the_run_ends_in_the_safe_stop():
 
 def test_fence_raised_before_first_run_blocks_all_frames():
     rig = one_drive(lambda knee: 1.0)
-    rig.page.raise_fence()
+    rig.shared.raise_fence()
     outcome = rig.run(10)
     assert (outcome.status, outcome.tick) == ("fenced", -1) and set(rig.sent()) == set(STOP)
 
@@ -198,7 +198,7 @@ def test_a_fence_raised_while_arming_blocks_enable_frames():
 
         def step(self, tick):
             if tick == 3:
-                self.page.raise_fence()
+                self.shared.raise_fence()
             return 0.0
 
     with Diagram("robot", rate=200) as robot:
@@ -206,7 +206,7 @@ def test_a_fence_raised_while_arming_blocks_enable_frames():
     with Diagram("plant", rate=200) as plant:
         Guardian(name="guardian")
     rig = Rig(robot, plant)
-    plant["guardian"].page = rig.page
+    plant["guardian"].shared = rig.shared
     outcome = rig.run(100)
     assert (outcome.status, outcome.tick) == ("fenced", -1)
     assert rig.sent() == [ENABLE, NOTHING] * 4 + STOP * (len(rig.sent()[8:]) // 2)

@@ -55,7 +55,7 @@ def rig(make, script=(), **options):
         make()
         poster = Poster(name="z_poster")
     found = Rig(diagram, **options)
-    poster.script, poster.writer = dict(script), Writer(found.page)
+    poster.script, poster.writer = dict(script), Writer(found.shared)
     found.names = [live.path for live in found.schedule.live]
     return found
 
@@ -79,7 +79,7 @@ def test_a_change_takes_effect_at_the_start_of_the_recorded_tick():
 
 def test_a_change_posted_before_the_run_applies_from_the_first_tick():
     found = rig(spring)
-    writer = Writer(found.page, "keys")
+    writer = Writer(found.shared, "keys")
     ticket = writer.set([(0, 60.0)])
     assert writer.answer(ticket) is None
     found.run(3)
@@ -175,7 +175,7 @@ def test_the_loop_rejects_invalid_live_changes(changes, verdict):
         Settings(name="turning")
 
     found = rig(make)
-    writer = Writer(found.page)
+    writer = Writer(found.shared)
     ticket = writer.set(
         [(found.names.index(name) if isinstance(name, str) else name, value) for name, value in changes]
     )
@@ -184,8 +184,8 @@ def test_the_loop_rejects_invalid_live_changes(changes, verdict):
     assert found.changes == [] and list(stiffness(found)) == [30.0] * 5 and set(found["turning.number"]) == {301.0}
 
 
-def memory_of(page):
-    return mmap.mmap(page.fd, 0)
+def memory_of(shared):
+    return mmap.mmap(shared.fd, 0)
 
 
 def letter_with(memory, value):
@@ -212,10 +212,10 @@ SCRIBBLES = {
 @pytest.mark.parametrize("what", SCRIBBLES)
 def test_corrupted_change_request_has_no_effect(what):
     found = rig(spring)
-    writer = Writer(found.page)
+    writer = Writer(found.shared)
     wild = writer.set([(0, 77.125)])
     good = writer.set([(1, 5.5)])
-    memory = memory_of(found.page)
+    memory = memory_of(found.shared)
     offset, content = SCRIBBLES[what]
     at = letter_with(memory, 77.125) + offset
     memory[at : at + len(content)] = content
@@ -231,12 +231,12 @@ def test_no_mailbox_value_moves_a_command_beyond_the_proved_bounds():
     [proof] = [proof for proof in rig.schedule.proofs if proof.port == "torque_command"]
     assert proof.interval.high == 12.0
     index = [live.path for live in rig.schedule.live].index("limiter.limit")
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     tickets = {
         value: writer.set([(index, value)]) for value in (12.0 + 1e-9, 1e9, math.inf, math.nan, -math.inf, -1.0, 12.0)
     }
     poked = writer.set([(index, 7.0078125)])
-    memory = memory_of(rig.page)
+    memory = memory_of(rig.shared)
     at = letter_with(memory, 7.0078125) + 96
     memory[at : at + 8] = struct.pack("=d", 65.0)
     assert not rig.run(300, fade=0.0).faulted
@@ -278,7 +278,7 @@ def test_marks_are_numbered_from_one_in_every_run():
 def test_a_stop_ends_the_run_in_the_safe_stop_without_a_fault():
     rig = one_drive(lambda drive: TorqueLimiter(limit=9.0)(Poster(name="poster")()))
     poster = rig.schedule.python_blocks[0]
-    poster.script, poster.writer = {49: lambda writer: writer.stop()}, Writer(rig.page, "keys")
+    poster.script, poster.writer = {49: lambda writer: writer.stop()}, Writer(rig.shared, "keys")
     outcome = rig.run(200)
     assert (outcome.status, outcome.stopped, outcome.signal, outcome.tick) == ("ok", "keys", 0, 50)
     assert list(rig.tick) == list(range(50)) and ends_in_the_safe_stop(rig)
@@ -289,7 +289,7 @@ def test_a_stop_ends_the_run_in_the_safe_stop_without_a_fault():
 
 def test_stop_is_handled_while_arming_and_change_waits_for_tick_0():
     rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0))(1.0), plant=False)  # nobody ever answers
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     change = writer.set([(0, 10.0)])
     assert writer.stop() and not writer.stop()
     outcome = rig.run(200)
@@ -299,18 +299,18 @@ def test_stop_is_handled_while_arming_and_change_waits_for_tick_0():
 
 
 def test_change_waits_while_ring_is_full():
-    page = SharedState(1 << 12)
-    found = rig(spring, page=page)
-    while page.push(RECORD_EVENT, b"x" * 8):
+    shared = SharedState(1 << 12)
+    found = rig(spring, shared=shared)
+    while shared.push(RECORD_EVENT, b"x" * 8):
         pass
-    writer = Writer(page)
+    writer = Writer(shared)
     ticket = writer.set([(0, 50.0)])
     assert not found.executor.run(5).faulted
     assert (
         writer.answer(ticket) == ("over", -1, 0)
         and found.control.values[found.schedule.parameters["spring.stiffness"]] == 30.0
     )
-    page.drain(1 << 20)
+    shared.drain(1 << 20)
     ticket = writer.set([(0, 50.0)])
     found.run(5)
     assert writer.answer(ticket)[0] == "taken" and list(stiffness(found)) == [50.0] * 5
@@ -318,13 +318,13 @@ def test_change_waits_while_ring_is_full():
 
 def test_the_page_shows_values_and_targets():
     live = 2, b"two parameters"
-    page = SharedState(1 << 16, live=live)
-    found = rig(lambda: spring(slew=200.0), {2: lambda writer: writer.set([(0, 40.0), (1, 2.0)])}, page=page)
+    shared = SharedState(1 << 16, live=live)
+    found = rig(lambda: spring(slew=200.0), {2: lambda writer: writer.set([(0, 40.0), (1, 2.0)])}, shared=shared)
     seen = {}
     poster = found.schedule.python_blocks[0]
-    poster.script |= {tick: lambda writer, tick=tick: seen.update({tick: page.live_values()}) for tick in (0, 3, 30)}
+    poster.script |= {tick: lambda writer, tick=tick: seen.update({tick: shared.live_values()}) for tick in (0, 3, 30)}
     found.run(35)
-    assert page.live == b"two parameters" and SharedState(fd=page.fd).live == page.live
+    assert shared.live == b"two parameters" and SharedState(fd=shared.fd).live == shared.live
     assert seen == {0: [(30.0, 30.0), (1.0, 1.0)], 3: [(31.0, 40.0), (1.05, 2.0)], 30: [(40.0, 40.0), (2.0, 2.0)]}
 
 

@@ -54,7 +54,7 @@ def rig(make, script=()):
         make()
         poster = Poster(name="z_poster")
     found = Rig(diagram)
-    poster.script, poster.writer = dict(script), (writer := Writer(found.page))
+    poster.script, poster.writer = dict(script), (writer := Writer(found.shared))
     found.answer = lambda ticket: writer.answer(ticket)[0]
     found.index = {live.path: number for number, live in enumerate(found.schedule.live)}
     return found

@@ -50,9 +50,9 @@ def patient(look):
     return found
 
 
-def write_and_wait(page, index, told):
+def write_and_wait(shared, index, told):
     """Letter after letter, each once the one before is answered. The reported ticks go into a pipe."""
-    writer = Writer(page)
+    writer = Writer(shared)
     for number in range(1, LETTERS_EACH + 1):
         ticket = patient(lambda: writer.set([(index, number / 10.0)]))
         answer = patient(lambda: writer.answer(ticket))
@@ -66,9 +66,9 @@ def test_concurrent_writers_receive_the_recorded_ticks():
     pipes = {index: os.pipe() for index in parameters}
 
     def keeper():
-        children = [in_a_process(lambda: write_and_wait(rig.page, index, pipes[index][1])) for index in parameters]
+        children = [in_a_process(lambda: write_and_wait(rig.shared, index, pipes[index][1])) for index in parameters]
         ends = [ended_well(child) for child in children]
-        Writer(rig.page).stop()
+        Writer(rig.shared).stop()
         assert all(ends)
 
     child = in_a_process(keeper)
@@ -89,7 +89,7 @@ def test_concurrent_writers_receive_the_recorded_ticks():
 
 def test_full_mailbox_refuses_until_requests_are_answered():
     rig = springs(1)
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     tickets = [writer.set([(0, float(number))]) for number in range(ROOM)]
     assert sorted(tickets) == list(range(ROOM)) and writer.set([(0, 1.0)]) is None and writer.mark() is None
     rig.run(3)
@@ -101,7 +101,7 @@ def test_full_mailbox_refuses_until_requests_are_answered():
 
 def test_withdrawn_request_is_never_applied():
     rig = springs(1)
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     first, second = writer.set([(0, 40.0)]), writer.set([(0, 50.0)])
     assert writer.withdraw(second) and not writer.withdraw(second)
     rig.run(3)
@@ -113,12 +113,12 @@ def test_requests_of_dead_processes_are_reclaimed():
     rig = springs(1)
 
     def post_and_die():
-        writer = Writer(rig.page)
+        writer = Writer(rig.shared)
         for number in range(ROOM):
             writer.set([(0, float(number))])
 
     assert ended_well(in_a_process(post_and_die))
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     assert writer.set([(0, 1.0)]) is None, "they are complete, and wait for the loop"
     rig.run(2)
     assert len(rig.changes) == ROOM
@@ -129,10 +129,10 @@ def test_request_left_incomplete_by_dead_process_blocks_no_other():
     rig = springs(1)
     dead = in_a_process(lambda: None)
     assert ended_well(dead)
-    writer = Writer(rig.page)
+    writer = Writer(rig.shared)
     for number in range(ROOM):
         writer.set([(0, 64.0078125)])
-    memory = mmap.mmap(rig.page.fd, 0)
+    memory = mmap.mmap(rig.shared.fd, 0)
     posted, half = struct.pack("=Q", os.getpid() << 32 | 1 << 8 | 2), struct.pack("=Q", dead << 32 | 1 << 8 | 1)
     at = memory.find(posted)
     memory[at : at + 8] = half  # as if killed between claiming and posting
@@ -142,8 +142,8 @@ def test_request_left_incomplete_by_dead_process_blocks_no_other():
 
 
 def test_the_idle_mailbox_of_a_page_changes_nothing_between_runs():
-    page = SharedState(1 << 20)
-    rig = springs(2, page=page)
+    shared = SharedState(1 << 20)
+    rig = springs(2, shared=shared)
     rig.run(50)
     first = {name: values.copy() for name, values in rig.signals.items()}
     rig.run(50)

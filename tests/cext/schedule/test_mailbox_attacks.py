@@ -29,10 +29,10 @@ SECONDS = 1.5
 LONG = pytest.param(30.0, marks=pytest.mark.soak)
 
 
-def letters_of(page):
+def letters_of(shared):
     """(memory of the page, offset of its first letter)"""
-    memory = mmap.mmap(page.fd, 0)
-    writer = Writer(page)
+    memory = mmap.mmap(shared.fd, 0)
+    writer = Writer(shared)
     ticket = writer.set([(0, 77.125)])
     at = memory.find(struct.pack("=d", 77.125)) - VALUE
     assert ticket == 0 and writer.withdraw(ticket)
@@ -42,11 +42,11 @@ def letters_of(page):
 class Attack:
     """A process that calls act(writer, memory, offset of a letter, random) for letters at random until it is killed."""
 
-    def __init__(self, page, memory, first, act):
+    def __init__(self, shared, memory, first, act):
         self.pid = os.fork()
         if self.pid == 0:
             try:
-                chance, writer = random.Random(os.getpid()), Writer(page)
+                chance, writer = random.Random(os.getpid()), Writer(shared)
                 while True:
                     act(writer, memory, first + LETTER_BYTES * chance.randrange(LETTERS), chance)
             finally:
@@ -97,7 +97,7 @@ def in_a_process(work):
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def stop_after(page, seconds):
+def stop_after(shared, seconds):
     """A process that stops the run."""
 
     def work(writer, memory, letter, chance):
@@ -106,7 +106,7 @@ def stop_after(page, seconds):
             writer.stop()
             time.sleep(0.001)
 
-    return Attack(page, None, 0, work)
+    return Attack(shared, None, 0, work)
 
 
 @pytest.mark.hazard("H4a")
@@ -116,13 +116,13 @@ def stop_after(page, seconds):
 )
 def test_another_process_that_posts_changes_never_arms_a_robot_that_waits(seconds, attacks):
     def work():
-        page = SharedState(1 << 22)
-        rig = one_drive(lambda drive: 1.0, rate=1000, virtual=False, options={"page": page})
-        memory, first = letters_of(page)
+        shared = SharedState(1 << 22)
+        rig = one_drive(lambda drive: 1.0, rate=1000, virtual=False, options={"shared": shared})
+        memory, first = letters_of(shared)
         for letter in range(LETTERS):  # as left by earlier requests
             place = first + letter * LETTER_BYTES + KIND
             memory[place : place + 4] = struct.pack("=i", CONFIRM)
-        running = [Attack(page, memory, first, act) for act in attacks] + [stop_after(page, seconds)]
+        running = [Attack(shared, memory, first, act) for act in attacks] + [stop_after(shared, seconds)]
         try:
             outcome = rig.run(200_000, answered=lambda: None, confirm=True)
         finally:
@@ -142,11 +142,11 @@ def test_no_damage_to_a_letter_moves_a_value_out_of_bounds(seconds):
             Impedance(stiffness=Live(3.0, max=10.0), damping=Live(1.0, max=10.0), name="spring")(
                 position=1.0, velocity=1.0
             )
-        page = SharedState(1 << 24)
-        rig = Rig(diagram, page=page, virtual=False)
-        memory, first = letters_of(page)
-        running = [Attack(page, memory, first, act) for act in (post_and_withdraw, damage_content, damage_content)]
-        running.append(stop_after(page, seconds))
+        shared = SharedState(1 << 24)
+        rig = Rig(diagram, shared=shared, virtual=False)
+        memory, first = letters_of(shared)
+        running = [Attack(shared, memory, first, act) for act in (post_and_withdraw, damage_content, damage_content)]
+        running.append(stop_after(shared, seconds))
         try:
             outcome = rig.run(200_000)
         finally:

@@ -51,7 +51,7 @@ def robot_with(count, out=()):
 def run(ticks, out=(), silent=None):
     with Diagram("plant", rate=RATE) as plant:
         drives = Drives(silent)
-    rig = Rig(robot_with(LIMIT, out), plant, page=1 << 26, record=False)
+    rig = Rig(robot_with(LIMIT, out), plant, shared=1 << 26, record=False)
     assert [device.name for device in rig.schedule.devices] == [f"drive{number:04}" for number in range(LIMIT)]
     drives.ends = [bus.device for bus in rig.buses.values()]
     return rig, rig.executor.run(ticks, fade=0.0)
@@ -66,8 +66,8 @@ def test_one_drive_more_is_refused():
 def test_drives_that_are_taken_out_are_shown_under_their_numbers():
     rig, outcome = run(4, OUT)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ())
-    assert rig.page.out == sum(1 << number for number in OUT)
-    assert SharedState(fd=rig.page.fd).out == rig.page.out, "and so the guardian sees them"
+    assert rig.shared.out == sum(1 << number for number in OUT)
+    assert SharedState(fd=rig.shared.fd).out == rig.shared.out, "and so the guardian sees them"
 
 
 def test_a_drive_that_falls_silent_is_named():

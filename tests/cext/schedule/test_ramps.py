@@ -60,7 +60,7 @@ def live_rig(make, letters):
         return make(drive)
 
     rig = one_drive(law)
-    poster[0].script, poster[0].writer = letters, Writer(rig.page)
+    poster[0].script, poster[0].writer = letters, Writer(rig.shared)
     return rig
 
 

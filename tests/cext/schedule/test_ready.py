@@ -40,7 +40,7 @@ class Ready:
             EmulatedCubeMars.of(robot["knee"], name="drive")(position=0.3, velocity=0.0, fault=fault)
             more()
         self.rig = Rig(robot, plant)
-        self.writer = Writer(self.rig.page, "keys")
+        self.writer = Writer(self.rig.shared, "keys")
         self.shown = []
 
     def act(self, action):
@@ -50,11 +50,11 @@ class Ready:
         if what == "stop":
             self.writer.stop()
         else:
-            self.writer.confirm(self.rig.page.question)
+            self.writer.confirm(self.rig.shared.question)
 
     def show(self):
         self.shown.append(
-            (self.rig.page.state, self.rig.control.values[self.rig.schedule.signals["knee.position"].slot])
+            (self.rig.shared.state, self.rig.control.values[self.rig.schedule.signals["knee.position"].slot])
         )
 
     def torques(self):
@@ -106,7 +106,7 @@ def test_a_confirmation_counts_for_the_newest_question_after_it_was_asked(questi
 
     def confirm():
         pressed = time.monotonic_ns() - round(age * 1e9)
-        ready.writer.confirm(ready.rig.page.question + question, pressed)
+        ready.writer.confirm(ready.rig.shared.question + question, pressed)
         return 0
 
     ready = Ready({100: confirm, 500: "stop"})
@@ -141,7 +141,7 @@ def test_a_drive_that_becomes_silent_during_confirmation_ends_the_run():
 
 
 def test_a_fence_during_the_wait_ends_the_run():
-    ready = Ready({300: lambda: ready.rig.page.raise_fence()})
+    ready = Ready({300: lambda: ready.rig.shared.raise_fence()})
     assert ready.run().status == "fenced"
 
 
@@ -160,7 +160,7 @@ def test_a_joint_with_an_ambiguous_angle_is_armed_once_it_is_resolved():
     ready, asked = Ready({500: "confirm", 700: "confirm", 900: "confirm"}), []
 
     def permitted():
-        asked.append(ready.rig.page.state)
+        asked.append(ready.rig.shared.state)
         return len(asked) == 3
 
     assert ready.run(permitted=permitted).status == "ok"
@@ -208,7 +208,7 @@ def test_input_arms_when_held_for_a_second_after_it_was_released(presses, armed)
             position=Button()(), velocity=0.0, fault=Person({2500: lambda: writer.stop() and 0})()
         )
     rig = Rig(robot, plant)
-    writer = Writer(rig.page, "keys")
+    writer = Writer(rig.shared, "keys")
     slot = rig.schedule.signals["knee.position"].slot
     outcome = rig.run(20, fade=0.0, answered=lambda: None, confirm=True, arm_slot=slot)
     assert outcome.status == "ok" and len(rig.tick) == (20 if armed else 0)

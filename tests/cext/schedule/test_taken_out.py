@@ -73,7 +73,7 @@ class Robot(Rig):
                     **{port: Bit(code, name=port)() for port, code in inputs.items() if port == "fault"},
                 )
         super().__init__(robot, wearer)
-        self.script, self.writer = script, Writer(self.page)
+        self.script, self.writer = script, Writer(self.shared)
         self.index = [live.path for live in self.schedule.live].index("left.disabled")
 
     def act(self, tick, torque):
@@ -117,7 +117,7 @@ def test_drive_is_taken_out_and_armed_again_while_the_other_goes_on():
 def test_drive_that_is_out_gets_only_zero_torque_and_disable():
     robot = Robot({200: 1, 300: 0})
     robot.run(500)
-    assert robot.page.out == 0
+    assert robot.shared.out == 0
     assert set(robot.to_left(202, 300)) == {NOTHING, DISABLE} and set(robot.to_left(250, 300)) == {DISABLE}
     assert robot.to_left(301, 310).count(ENABLE) >= 1
 
@@ -175,12 +175,12 @@ def test_drive_with_a_damped_stop_is_damped_first():
     damping = set(robot.to_left(205, 295))
     assert damping and not damping & {NOTHING, DISABLE}
     assert set(robot.to_left(350, 400)) == {DISABLE}
-    assert robot.page.out == 1 << [device.name for device in robot.schedule.devices].index("left")
+    assert robot.shared.out == 1 << [device.name for device in robot.schedule.devices].index("left")
 
 
 def test_guardian_damps_a_drive_that_was_taken_out_only_until_its_damping_ends():
     robot = Robot({200: 1}, (CubeMars, "AK80-9", {"safe_stop": "damp", "stop_time": 0.5}))
-    assert robot.run(250).status == "ok" and robot.page.out == 0
+    assert robot.run(250).status == "ok" and robot.shared.out == 0
 
 
 def test_damping_of_a_drive_stays_inside_its_limit_until_a_late_next_frame():
@@ -223,7 +223,7 @@ def test_drive_that_is_disabled_from_the_start_is_not_waited_for():
 def test_drive_that_is_out_stays_out_when_the_run_is_armed_again():
     def law(tick):
         if tick == 400:
-            robot.writer.confirm(robot.page.question)
+            robot.writer.confirm(robot.shared.question)
         return math.nan if tick == 350 else 2.0
 
     robot = Robot({100: 1, 200: 0, 250: 1}, torque=lambda tick: 2.0, right=law)

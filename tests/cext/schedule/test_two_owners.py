@@ -68,14 +68,14 @@ def test_an_exception_held_in_a_hung_tick_is_recorded_behind_the_frames_of_the_w
 
     rig = robot(lambda side, knee: chain(side, knee, lambda: deaf(0.05), late))
     assert rig.executor.run(100).status == "hung"
-    records = list(rig.page.drain(1 << 30))
+    records = list(rig.shared.drain(1 << 30))
     [place] = [
         place
         for place, (kind, record) in enumerate(records)
         if kind == RECORD_EVENT and json.loads(record).get("block") == "left_raises"
     ]
     frames = [(place, FRAME.unpack(record)[0]) for place, (kind, record) in enumerate(records) if kind == RECORD_FRAME]
-    end = ended[0] - rig.page.began
+    end = ended[0] - rig.shared.began
     during = [at for at, sent in frames if end - 0.055e9 < sent < end]
     assert len(during) > 5  # the watchdog stops the motors meanwhile
     assert all(at < place for at in during), "a step wrote to the ring that the watchdog owned"
@@ -87,9 +87,9 @@ def test_a_drive_is_not_taken_out_by_the_loop_while_the_watchdog_stops_it():
         knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
         law = Then(lambda: deaf(0.06), name="law")(knee.position)
         knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law), disable=From(name="from")())
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=False, page=page, guard=60.0)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=False, shared=shared, guard=60.0)
     assert rig.run(100).status == "hung"
     assert [event for event in rig.events if event["event"] == "drive"] == []
 
@@ -99,6 +99,6 @@ def test_a_step_that_returns_while_the_watchdog_takes_over_leaves_a_whole_record
     """Around the limit of 15 ms either may win. Every record is read, and the motors are stopped in both cases."""
     rig = robot(lambda side, knee: chain(side, knee, lambda: deaf(milliseconds * 1e-3), time.monotonic))
     outcome = rig.run(40)
-    assert outcome.status in ("ok", "hung") and rig.page.state == "safe" and rig.page.fenced
+    assert outcome.status in ("ok", "hung") and rig.shared.state == "safe" and rig.shared.fenced
     assert rig.statistics()["dropped"] == 0
     assert outcome.unconfirmed == ()

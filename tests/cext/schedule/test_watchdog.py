@@ -92,9 +92,9 @@ def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
         for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
             knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, name=f"{side}_knee", timeout=0.0)
             knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law(side, knee)))
-    page = SharedState(1 << 20)
-    page.look_after(time.monotonic_ns())
-    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, shared=shared, guard=guard)
     rig.called = lambda: min(
         block.called for block in diagram if isinstance(block, Then) and block.path.startswith("left")
     )
@@ -112,7 +112,7 @@ def calls(action, kind=Then, **options):
 
 def assert_stopped(rig, outcome, culprit="left_law"):
     """Every motor was stopped in time, and no torque followed."""
-    assert (outcome.status, outcome.culprit) == ("hung", culprit) and rig.page.fenced and rig.page.state == "safe"
+    assert (outcome.status, outcome.culprit) == ("hung", culprit) and rig.shared.fenced and rig.shared.state == "safe"
     assert outcome.tick >= AT and rig.tick[-1] < outcome.tick
     assert outcome.unconfirmed == ()  # the loop has come back, and has asked
     assert LIMIT <= outcome.hung
@@ -122,7 +122,7 @@ def assert_stopped(rig, outcome, culprit="left_law"):
         assert [frame.data for frame in said[end - 1 :]] == [NOTHING, DISABLE] * ((len(said) - end + 1) // 2)
         assert len(said) - end > 2  # by the watchdog, then by the loop
         assert {NOTHING, DISABLE}.isdisjoint(rig.commands(can_id)[1:]) and len(rig.commands(can_id)) == len(rig.tick)
-        since = rig.page.began + said[end].time - rig.called()
+        since = rig.shared.began + said[end].time - rig.called()
         assert (LIMIT - SLACK) * 1e9 <= since < (LIMIT + ALLOWANCE) * 1e9
 
 
@@ -182,7 +182,7 @@ def test_a_block_that_hangs_at_the_start_prevents_the_first_tick():
     rigs = []
 
     def start():
-        if rigs and rigs[0].page.state == "arming":
+        if rigs and rigs[0].shared.state == "arming":
             forever()
 
     rigs.append(calls(time.monotonic, Slow, start=start))
@@ -216,7 +216,7 @@ def test_spinning_native_kernel_is_reported_repeatedly(tmp_path):
     assert_stopped(rig, outcome, culprit="left_spin")
     assert 0.08 <= outcome.hung < 0.25 and outcome.error is None
     assert rig.sent().count(DISABLE) >= (0.08 - LIMIT - ALLOWANCE) / 0.005  # a round every 5 ms
-    assert rig.run(10).status == "ok" and rig.page.hung is None  # nothing of it stays behind
+    assert rig.run(10).status == "ok" and rig.shared.hung is None  # nothing of it stays behind
 
 
 def test_a_loop_on_another_thread_is_stopped_but_not_interrupted():
@@ -258,7 +258,7 @@ def test_a_tick_of_two_periods_is_late_but_not_a_hang():
         rate=50,
     )
     outcome = rig.run(30)
-    assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.page.hung
+    assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.shared.hung
 
 
 class Patient(Then):
@@ -269,7 +269,7 @@ class Patient(Then):
 
 def test_a_step_within_its_allowance_is_not_a_hang():
     rig = calls(lambda: busy(0.03), Patient)
-    assert rig.run(60).status == "ok" and not rig.page.hung
+    assert rig.run(60).status == "ok" and not rig.shared.hung
 
 
 def test_a_step_beyond_its_allowance_is_a_hang():
@@ -290,15 +290,15 @@ def test_an_allowance_does_not_extend_the_limit_of_other_blocks():
 
 def test_the_guardian_sees_a_step_within_its_allowance_as_alive():
     ahead = []
-    rig = calls(lambda: ahead.append(rig.page.beat - time.monotonic_ns()), Patient)
+    rig = calls(lambda: ahead.append(rig.shared.beat - time.monotonic_ns()), Patient)
     assert rig.run(60).status == "ok"
-    assert ahead[0] > (Patient.allowance - SLACK) * 1e9 and rig.page.beat < time.monotonic_ns()
+    assert ahead[0] > (Patient.allowance - SLACK) * 1e9 and rig.shared.beat < time.monotonic_ns()
 
 
 @pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])
 def test_watchdog_is_inactive_without_rig(options):
     rig = robot(lambda side, knee: Then(lambda: busy(0.06), name=f"{side}_law")(knee.position), **options)
-    assert rig.run(60).status == "ok" and rig.page.hung is None
+    assert rig.run(60).status == "ok" and rig.shared.hung is None
 
 
 STOPPED = """

@@ -13,7 +13,7 @@ import pytest
 
 import runtime
 from runtime.host.errors import BadInput, RunFault
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.session import own_process
 from runtime.session.connected import ConnectedRobot
 from tests.runtime.robot.guardian.bus import Bus
@@ -183,7 +183,7 @@ def test_fault_of_a_drive_ends_the_loop_with_its_report(bus):
 def test_robot_is_stopped_when_the_program_dies(bus, folder, end):
     with FORKING.Popen([sys.executable, "-c", PROGRAM % end], cwd=folder, env=environment()) as program:
         bus.await_torque()
-        [run] = [child for child in psutil.Process(program.pid).children() if page_of(child.pid) is not None]
+        [run] = [child for child in psutil.Process(program.pid).children() if shared_state_of(child.pid) is not None]
         program.wait(10)
     run.wait(10)
     [recording] = Path("recordings").glob("*.mcap")
@@ -195,7 +195,7 @@ def test_robot_is_stopped_when_the_program_dies(bus, folder, end):
 def test_program_that_is_suspended_stops_the_robot(bus, folder):
     with FORKING.Popen([sys.executable, "-c", PROGRAM % "pass"], cwd=folder, env=environment()) as program:
         bus.await_torque()
-        [run] = [child for child in psutil.Process(program.pid).children() if page_of(child.pid) is not None]
+        [run] = [child for child in psutil.Process(program.pid).children() if shared_state_of(child.pid) is not None]
         os.kill(program.pid, signal.SIGSTOP)
         assert patient(lambda: run.status() == psutil.STATUS_ZOMBIE or not run.is_running())
         os.kill(program.pid, signal.SIGCONT)

@@ -15,7 +15,7 @@ import pytest
 import runtime
 from graph import Diagram
 from runtime.host.errors import BadInput
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.record.storage.format import Frame
 from runtime.session import own_process
 from tests.runtime.robot.guardian.bus import ROBOT, Bus
@@ -172,7 +172,7 @@ def test_ctrl_c_stops_the_robot_safely_and_raises_keyboard_interrupt(bus):
 def test_the_robot_is_stopped_when_the_process_that_called_is_killed(bus, folder):
     with FORKING.Popen([sys.executable, "-c", INTERRUPTED], cwd=folder, env=environment()) as caller:
         bus.await_torque()
-        [run] = [child for child in psutil.Process(caller.pid).children() if page_of(child.pid) is not None]
+        [run] = [child for child in psutil.Process(caller.pid).children() if shared_state_of(child.pid) is not None]
         caller.kill()
     run.wait(10)
     [recording] = Path("recordings").glob("*.mcap")

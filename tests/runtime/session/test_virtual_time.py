@@ -15,7 +15,7 @@ STRIDES = re.compile(r"^  (left|right) .*$\n.*$", re.MULTILINE)
 def no_process(monkeypatch):
     """Make the start of a recorder process an error."""
 
-    def refuse(page):
+    def refuse(shared):
         raise AssertionError("a recorder process was started")
 
     monkeypatch.setattr(session, "RecorderProcess", refuse)
@@ -28,7 +28,7 @@ def figures(text):
 def test_run_without_files_starts_no_recorder_and_has_the_same_strides(command_line, monkeypatch):
     code, recorded, _ = command_line(KNEE_EXO, "--fast", "--duration", "12")
     assert code == OK and (command_line.folder / "recordings").exists()
-    monkeypatch.setattr(session, "RecorderProcess", lambda page: pytest.fail("a recorder process was started"))
+    monkeypatch.setattr(session, "RecorderProcess", lambda shared: pytest.fail("a recorder process was started"))
     code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "12", "--no-record")
     assert (code, err) == (OK, "") and "2400 of 2400 done" in out and "0 records dropped" in out
     assert len(figures(out)) == 2 and figures(out) == figures(recorded)
@@ -60,7 +60,7 @@ def test_ring_smaller_than_the_run_loses_no_row(command_line, monkeypatch, no_pr
 def test_error_of_the_local_recorder_ends_the_run(command_line, monkeypatch):
     from runtime.record.recorder import local
 
-    def fail(page, columns):
+    def fail(shared, columns):
         raise RuntimeError("no more rows")
 
     monkeypatch.setattr(local, "take", fail)

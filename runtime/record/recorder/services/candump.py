@@ -51,7 +51,7 @@ class CanLog(Service):
             return
         frame = Frame.unpack(payload)
         if self.began is None:
-            self.began = 0 if self.plan["virtual"] or self.page is None else self.page.wall
+            self.began = 0 if self.plan["virtual"] or self.shared is None else self.shared.wall
         message = self.message
         message.timestamp = (self.began + frame.time) * 1e-9
         message.arbitration_id = frame.id

@@ -83,14 +83,14 @@ class FlightLog(Service):
         if not self.begun:
             self.begun = True
             if not self.plan["virtual"]:
-                assert self.page is not None
-                self.began = self.page.wall
-                self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
+                assert self.shared is not None
+                self.began = self.shared.wall
+                self.event({"event": "begin", "tick": -1, "wall": self.shared.wall, "monotonic": self.shared.began})
 
     def records(self, batch: Any) -> None:
-        assert self.page is not None and self.writer is not None
+        assert self.shared is not None and self.writer is not None
         self.begin_run()
-        at, first_tick = 0, self.page.first_tick
+        at, first_tick = 0, self.shared.first_tick
         while at < batch.size:
             at = self.encoder.encode(batch, at, self.writer.size, CHUNK, self.began, first_tick)
             if at < batch.size:
@@ -107,10 +107,10 @@ class FlightLog(Service):
         self.write_encoded()
 
     def event(self, event: dict[str, Any]) -> None:
-        assert self.page is not None and self.writer is not None
+        assert self.shared is not None and self.writer is not None
         self.begin_run()
         self.end_group()
-        at = self.began + self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9)
+        at = self.began + self.shared.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9)
         data = messages.event(event["event"], event.get("tick", -1), json.dumps(event))
         self.writer.message(self.events, at, data, at)
 

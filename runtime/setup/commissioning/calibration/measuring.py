@@ -154,12 +154,12 @@ def read(schedule: Schedule, recorder: Sink, control: Program, seconds: float, *
     ticks = math.ceil(seconds * schedule.rate)
     row = row_struct(len(schedule.columns))
     frames = FRAME_BYTES * 8 * len(schedule.devices)
-    page = SharedState(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
+    shared = SharedState(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
     try:
-        outcome = uninterrupted(Executor(control, schedule.rate, page=page, **how).run(ticks))
-        records = [row.unpack(payload) for kind, payload in page.drain(1 << 30) if kind == RECORD_ROW]
+        outcome = uninterrupted(Executor(control, schedule.rate, shared=shared, **how).run(ticks))
+        records = [row.unpack(payload) for kind, payload in shared.drain(1 << 30) if kind == RECORD_ROW]
     finally:
-        page.close()
+        shared.close()
     if outcome.faulted:
         source = outcome.culprit or ", ".join(outcome.unanswered) or schedule.name
         raise BadInput(f"{source}: {outcome.error or FAILURES.get(outcome.status, outcome.status)}")

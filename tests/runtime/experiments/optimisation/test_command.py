@@ -9,7 +9,7 @@ import pytest
 from runtime.cli.optimise import outcome
 from runtime.experiments.optimisation.optimisers import make_optimiser
 from runtime.experiments.optimisation.parameters import Parameter
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from tests.runtime.experiments.optimisation.diagrams import profiles
 from tests.runtime.runs import Files, descendant, started
 from tests.runtime.terminals import Terminal, patient
@@ -44,9 +44,9 @@ def optimiser_of(process):
     return patient(lambda: descendant(process.pid, "runtime.experiments.optimisation.process"))
 
 
-def peaks(page):
+def peaks(shared):
     """Targets of the peak of both legs."""
-    return [target for _, target in page.live_values()[0:6:3]]
+    return [target for _, target in shared.live_values()[0:6:3]]
 
 
 @pytest.mark.hazard("H16e")
@@ -56,15 +56,15 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
         terminal.run("optimise", "profiles.py", *OVER, *COST, *SHORT, "--generations", "3", cwd=tmp_path)
         terminal.wait_for(r"initial parameters: profile.peak 6 N·m, profile.timing 0.44")
         terminal.wait_for("begin y applies, n skips")  # in the status line
-        page = patient(lambda: page_of(terminal.process.pid))
+        shared = patient(lambda: shared_state_of(terminal.process.pid))
         terminal.press(b"y")
         terminal.wait_for("proposal 1 of 6: profile.peak 6 N·m to ")
-        assert peaks(page) == [6.0, 6.0]
+        assert peaks(shared) == [6.0, 6.0]
         terminal.wait_for("1/6 y applies, n skips")
         terminal.press(b"y")
         terminal.wait_for(r"evaluation 1 of 6: [0-9.]+ .*W; lowest ")
-        assert peaks(page)[0] == peaks(page)[1] != 6.0
-        accepted = peaks(page)
+        assert peaks(shared)[0] == peaks(shared)[1] != 6.0
+        accepted = peaks(shared)
         terminal.wait_for("2/6 y applies, n skips")
         terminal.press(b"n")
         terminal.wait_for("2/6 skipped: the accepted parameters are restored")
@@ -94,13 +94,13 @@ def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_pa
     profiles(tmp_path)
     words = ("optimise", "profiles.py", *OVER, *COST, *SHORT, "--generations", "1", "--no-confirm", "--measure")
     with started(*words, "60", cwd=tmp_path) as run:
-        page = patient(lambda: page_of(run.pid))
-        patient(lambda: peaks(page)[0] not in (0.0, 6.0))
+        shared = patient(lambda: shared_state_of(run.pid))
+        patient(lambda: peaks(shared)[0] not in (0.0, 6.0))
         os.kill(optimiser_of(run), signal.SIGKILL)
-        patient(lambda: peaks(page) == [6.0, 6.0])  # the initial ones: no cost was measured
-        ticks = page.statistics()["ticks"]
-        patient(lambda: page.statistics()["ticks"] > ticks + 10)
-        assert page.state == "running"
+        patient(lambda: peaks(shared) == [6.0, 6.0])  # the initial ones: no cost was measured
+        ticks = shared.statistics()["ticks"]
+        patient(lambda: shared.statistics()["ticks"] > ticks + 10)
+        assert shared.state == "running"
         run.send_signal(signal.SIGINT)
         out, err = run.communicate(timeout=30)
     assert run.returncode == 130 and ".optimisation.json continues" in out

@@ -10,7 +10,7 @@ import pytest
 
 from runtime.host.console.keys import KEY, key_name
 from runtime.host.console.status_layout import fit, part
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.host.live.table import Parameter, nice
 from runtime.record.analysis.trial import Trial
 from runtime.record.recorder.status import describe
@@ -176,8 +176,8 @@ def test_a_background_run_reads_no_keys(tmp_path, terminal):
 
     terminal.start("-c", SHELL, str(orders), "springs.py", "--no-record", cwd=tmp_path, pass_fds=(orders,))
     job = patient(lambda: psutil.Process(terminal.process.pid).children())[0]
-    page = patient(lambda: page_of(job.pid))
-    patient(lambda: page.statistics()["ticks"] > 50)
+    shared = patient(lambda: shared_state_of(job.pid))
+    patient(lambda: shared.statistics()["ticks"] > 50)
     assert not terminal.takes_keys and terminal.look() == ""
     say(b"foreground")
     patient(lambda: terminal.takes_keys)
@@ -186,8 +186,8 @@ def test_a_background_run_reads_no_keys(tmp_path, terminal):
     say(b"background")
     patient(lambda: terminal.attributes == terminal.before)
     terminal.press(b" \n")  # for the shell, which has not read it when the run comes back
-    ticks = page.statistics()["ticks"]
-    patient(lambda: page.statistics()["ticks"] > ticks + 20)
+    ticks = shared.statistics()["ticks"]
+    patient(lambda: shared.statistics()["ticks"] > ticks + 20)
     say(b"foreground")
     patient(lambda: terminal.takes_keys)
     terminal.press(TAB)

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from cext.schedule.mailbox_writer import Writer
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from tests.runtime.runs import Files, descendant, write, writer_of
 from tests.runtime.terminals import Terminal, live_diagram, patient
 
@@ -74,14 +74,14 @@ class Run:
         terminal.run("springs.py", "--no-record", *words, cwd=folder)
         terminal.wait_for("lists the keys")
         self.terminal, self.pid = terminal, terminal.process.pid
-        self.page = page_of(self.pid)
+        self.shared = shared_state_of(self.pid)
 
     def assert_stops(self):
         """The loop ends in time, and the process once its recorder goes on."""
         until = time.monotonic() + STOP_LIMIT
-        while self.page.state == "running" and time.monotonic() < until:
+        while self.shared.state == "running" and time.monotonic() < until:
             time.sleep(0.005)
-        assert self.page.state in ("stopping", "safe")
+        assert self.shared.state in ("stopping", "safe")
         resume_recorder(self.terminal)
         assert self.terminal.end() == 0 and self.terminal.attributes == self.terminal.before
 
@@ -106,7 +106,7 @@ def test_the_space_bar_stops_a_run_whose_recorder_was_killed_until_it_stays_dead
         patient(lambda: not psutil.pid_exists(writer))
         patient(lambda: writer_of(run.pid) not in (None, writer) or "recording stops" in terminal.look())
     terminal.wait_for("recording stops and the run continues without it")
-    assert run.page.state == "running" and terminal.takes_keys
+    assert run.shared.state == "running" and terminal.takes_keys
     terminal.press(b"m")
     terminal.wait_for(NOT_TAKEN)
     terminal.press(b" ")
@@ -116,7 +116,7 @@ def test_the_space_bar_stops_a_run_whose_recorder_was_killed_until_it_stays_dead
 @pytest.mark.hazard("H9b")
 def test_the_space_bar_stops_a_run_whose_mailbox_is_full(tmp_path, terminal):
     run = Run(terminal, tmp_path)
-    writer = Writer(run.page)
+    writer = Writer(run.shared)
     while writer.set([(1, 5.0)]) is not None:
         pass  # its answers are not read
     terminal.press(TAB + 20 * UP)
@@ -136,9 +136,9 @@ def test_the_space_bar_stops_a_run_whose_terminal_takes_no_output(tmp_path, term
         time.sleep(0.03)
     os.write(terminal.master, b" ")
     until = time.monotonic() + STOP_LIMIT
-    while run.page.state == "running" and time.monotonic() < until:
+    while run.shared.state == "running" and time.monotonic() < until:
         time.sleep(0.005)
-    assert run.page.state in ("stopping", "safe")
+    assert run.shared.state in ("stopping", "safe")
 
 
 def test_ctrl_c_stops_a_run_whose_keys_no_other_process_takes(tmp_path, terminal):
@@ -149,7 +149,7 @@ def test_ctrl_c_stops_a_run_whose_keys_no_other_process_takes(tmp_path, terminal
         os.write(terminal.master, 40 * UP)
         time.sleep(0.005)
     os.write(terminal.master, CTRL_C)
-    patient(lambda: run.page.state in ("stopping", "safe"), 2.0)
+    patient(lambda: run.shared.state in ("stopping", "safe"), 2.0)
     resume_recorder(terminal)
     assert terminal.end() == 130
 
@@ -184,9 +184,9 @@ def test_the_space_bar_stops_a_run_whose_block_has_closed_all_descriptors(tmp_pa
         "springs.py",
     )
     terminal.run("springs.py", "--no-record", cwd=tmp_path)
-    page = patient(lambda: page_of(terminal.process.pid))
-    patient(lambda: page.statistics()["ticks"] > 100)
-    assert page.state == "running" and terminal.takes_keys
+    shared = patient(lambda: shared_state_of(terminal.process.pid))
+    patient(lambda: shared.statistics()["ticks"] > 100)
+    assert shared.state == "running" and terminal.takes_keys
     terminal.press(b" ")
     assert terminal.end() == 0 and "stopped by the space bar" in terminal.look()
     assert terminal.attributes == terminal.before
@@ -198,21 +198,21 @@ def test_a_key_from_before_a_fault_arms_nothing_however_late_it_is_delivered(tmp
     write(tmp_path, FRAGILE, "fragile.py")
     terminal.run("fragile.py", "--rearm", "--no-record", cwd=tmp_path)
     terminal.wait_for("lists the keys")
-    page = page_of(terminal.process.pid)
+    shared = shared_state_of(terminal.process.pid)
     if late:
         suspend_recorder(terminal)
     terminal.press(b"r")
     time.sleep(0.3)
     (tmp_path / "break").touch()
-    patient(lambda: page.state == "waiting")
+    patient(lambda: shared.state == "waiting")
     resume_recorder(terminal)
     terminal.wait_for("press r to arm again")
     if late:
         terminal.wait_for("r was pressed before the question was shown")
     time.sleep(0.5)
-    assert page.state == "waiting"
+    assert shared.state == "waiting"
     terminal.press(b"r")
-    patient(lambda: page.state == "running")
+    patient(lambda: shared.state == "running")
     terminal.press(b" ")
     assert terminal.end() == 0
 
@@ -221,7 +221,7 @@ def test_a_key_that_the_recorder_takes_long_after_the_question_arms_nothing(tmp_
     write(tmp_path, FRAGILE, "fragile.py")
     terminal.run("fragile.py", "--rearm", "--no-record", cwd=tmp_path)
     terminal.wait_for("lists the keys")
-    page = page_of(terminal.process.pid)
+    shared = shared_state_of(terminal.process.pid)
     (tmp_path / "break").touch()
     terminal.wait_for("press r to arm again")
     time.sleep(0.1)
@@ -231,6 +231,6 @@ def test_a_key_that_the_recorder_takes_long_after_the_question_arms_nothing(tmp_
     time.sleep(0.3)
     resume_recorder(terminal)
     terminal.wait_for(r"r was pressed \d\.\d s ago: press it again")
-    assert page.state == "waiting"
+    assert shared.state == "waiting"
     terminal.press(b" ")
     assert terminal.end() == 3 and terminal.attributes == terminal.before

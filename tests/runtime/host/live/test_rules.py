@@ -11,7 +11,7 @@ from runtime.cli.set import set_live
 from runtime.experiments.optimisation.live_robot import Targets
 from runtime.experiments.optimisation.parameters import Parameter
 from runtime.host.errors import BadInput
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.host.live.sending import batches
 from runtime.host.live.table import describe, parse
 from runtime.robot.loading.file import load
@@ -60,11 +60,11 @@ def test_set_names_the_rule_that_a_change_breaks_and_takes_both_ends_together(tm
             refusal(run.pid, "sat.lower", "5")
             == f"process {run.pid} rejected sat.lower ({RULE.format(1, 5)}); nothing was changed"
         )
-        assert [target for _, target in page_of(run.pid).live_values()[20:]] == [0.9, 1.0]
+        assert [target for _, target in shared_state_of(run.pid).live_values()[20:]] == [0.9, 1.0]
         code, out, err = command_line("set", run.pid, "sat.lower=5", "sat.upper=7")
         assert (code, err, len(out.splitlines())) == (0, "", 2)
-        page = page_of(run.pid)
-        patient(lambda: page.live_values()[20:] == [(5.0, 5.0), (7.0, 7.0)])
+        shared = shared_state_of(run.pid)
+        patient(lambda: shared.live_values()[20:] == [(5.0, 5.0), (7.0, 7.0)])
         assert (
             refusal(run.pid, "sat.upper", "4")
             == f"process {run.pid} rejected sat.upper ({RULE.format(4, 5)}); nothing was changed"

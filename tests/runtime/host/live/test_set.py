@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cext.schedule.mailbox_writer import Writer
-from runtime.host.live.running import page_of, runs
+from runtime.host.live.running import runs, shared_state_of
 from tests.runtime.runs import Files, finished, knee, started, write
 from tests.runtime.terminals import live_diagram, patient
 
@@ -19,8 +19,8 @@ def going(folder, *words):
     """A run in real time that goes on: its Popen."""
     process = started(*words, cwd=folder)
     try:
-        page = patient(lambda: page_of(process.pid))
-        patient(lambda: page.statistics()["ticks"] > 0)
+        shared = patient(lambda: shared_state_of(process.pid))
+        patient(lambda: shared.statistics()["ticks"] > 0)
         yield process
     finally:
         if process.poll() is None:
@@ -73,7 +73,7 @@ REFUSED = {
 @pytest.mark.parametrize("setting", REFUSED)
 def test_invalid_change_is_reported_and_not_applied(run, command_line, setting):
     assert command_line.refused("set", run.pid, "spring.damping=9", setting) == REFUSED[setting]
-    assert page_of(run.pid).live_values()[1] == (1.0, 1.0)
+    assert shared_state_of(run.pid).live_values()[1] == (1.0, 1.0)
 
 
 def test_change_of_fixed_parameter_lists_live_ones(run, command_line):
@@ -160,7 +160,7 @@ def test_change_is_applied_and_recorded_at_reported_tick(tmp_path, command_line)
 def test_set_stops_a_run_whose_mailbox_is_full(tmp_path, command_line):
     live_diagram(tmp_path)
     with going(tmp_path, "springs.py") as run:
-        writer = Writer(page_of(run.pid))
+        writer = Writer(shared_state_of(run.pid))
         while writer.set([(1, 5.0)]) is not None:
             pass  # its answers are not read
         assert command_line.refused("set", run.pid, "spring.damping=2", "--stop") == (
@@ -179,16 +179,16 @@ def test_stopped_process_drops_change(tmp_path, command_line, monkeypatch):
     monkeypatch.setattr("runtime.host.live.sending.TAKE_TIMEOUT", 0.2)
     live_diagram(tmp_path)
     with going(tmp_path, "springs.py", "--no-record") as process:
-        page = page_of(process.pid)
+        shared = shared_state_of(process.pid)
         process.send_signal(signal.SIGSTOP)
         said = command_line.refused("set", process.pid, "spring.damping=2")
         assert said.startswith(f"process {process.pid}: it did not apply the change within 0.2 s") and said.endswith(
             "nothing was changed"
         )
         process.send_signal(signal.SIGCONT)
-        ticks = page.statistics()["ticks"]
-        patient(lambda: page.statistics()["ticks"] > ticks + 20)
-        assert page.live_values()[1] == (1.0, 1.0)
+        ticks = shared.statistics()["ticks"]
+        patient(lambda: shared.statistics()["ticks"] > ticks + 20)
+        assert shared.live_values()[1] == (1.0, 1.0)
 
 
 def test_diagram_without_live_parameters_is_reported(tmp_path, command_line):

@@ -518,7 +518,7 @@ def test_parquet_keeps_every_bit_of_signals_with_few_and_with_many_values(comman
         for tick, value in enumerate(noise)
     ]
     signals = columns("a.noise 1", "a.wire 1", "a.state 1 int", "a.lost 1 int", "a.lost_once 1 int")
-    record(plan(tmp_path, sink(CSV, "csv", signals), stem="noise"), rows, page=SharedState(1 << 23))
+    record(plan(tmp_path, sink(CSV, "csv", signals), stem="noise"), rows, shared=SharedState(1 << 23))
     path = converted(command_line, tmp_path / "noise.mcap", "parquet")
     table, trial = parquet.read_table(path), runtime.load(tmp_path / "noise.mcap")
     for name in trial.signals:

@@ -68,16 +68,16 @@ def frame(time, identifier, data, *, sent=0, bus=0, flags=0):
     return RECORD_FRAME, FRAME.pack(time, identifier, len(data), flags, bus, sent, data)
 
 
-def record(plan, records, page=None, ended_by=0):
+def record(plan, records, shared=None, ended_by=0):
     """The records through a real recorder process. Returns its report. ended_by : number of the signal, 0 for none"""
-    page = page or SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    shared = shared or SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     recorder.configure(plan)
     for kind, payload in records:
-        assert page.push(kind, payload)
+        assert shared.push(kind, payload)
     end = {"event": "end", "status": "ok", "culprit": None, "signal": ended_by, "tick": 0}
-    page.push(RECORD_EVENT, json.dumps(end).encode())
-    page.close()
+    shared.push(RECORD_EVENT, json.dumps(end).encode())
+    shared.close()
     return recorder.finish()
 
 
@@ -139,19 +139,19 @@ def plan_of(schedule, folder, **changed):
     )
 
 
-def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=None, **changed):
+def run(diagram, folder, ticks, *, plant=None, virtual=True, shared=None, before=None, **changed):
     """Compile, record and run a diagram. Returns (outcome, report, page). before : called with the recorder when all is
     ready to run
     """
-    page = page or SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    shared = shared or SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     schedule = compile(diagram)
     buses = [MemoryBus() for _ in schedule.buses]
     recorder.configure(plan_of(schedule, folder, virtual=virtual, **changed))
     executor = Executor(
         Program(schedule, [bus.host for bus in buses]),
         schedule.rate,
-        page=page,
+        shared=shared,
         virtual=virtual,
         reader=recorder.lifeline,
         plant=None if plant is None else Program(compile(plant), [bus.device for bus in buses]),
@@ -160,7 +160,7 @@ def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=N
     if before is not None:
         before(recorder)
     outcome = executor.run(ticks)
-    page.push(
+    shared.push(
         RECORD_EVENT,
         json.dumps(
             {
@@ -172,8 +172,8 @@ def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=N
             }
         ).encode(),
     )
-    page.close()
-    return outcome, recorder.finish(), page
+    shared.close()
+    return outcome, recorder.finish(), shared
 
 
 def read_csv(path, delimiter=","):

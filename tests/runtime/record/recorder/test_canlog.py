@@ -73,7 +73,7 @@ def test_the_last_frames_of_a_run_on_disk_are_zero_torque_then_disable(tmp_path)
 
 def test_a_full_ring_costs_no_frame_in_virtual_time(tmp_path):
     diagram, plant = leg()
-    outcome, report, page = run(diagram, tmp_path, 2000, plant=plant, page=SharedState(1 << 14))
+    outcome, report, shared = run(diagram, tmp_path, 2000, plant=plant, shared=SharedState(1 << 14))
     assert outcome.status == "ok" and report["dropped"] == 0 and report["end"]["status"] == "ok"
-    counted = page.statistics()["frames"]
+    counted = shared.statistics()["frames"]
     assert len(log(tmp_path / "leg.can.log")) == counted["sent"] + counted["received"] > 4000

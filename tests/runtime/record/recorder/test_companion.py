@@ -27,10 +27,10 @@ class Ends:
     """Both ends of a connection, and the run beside it."""
 
     def __init__(self):
-        self.page, self.recording = SharedState(4096), Recording()
+        self.shared, self.recording = SharedState(4096), Recording()
         ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.process = subprocess.Popen(["sleep", "60"])
-        self.companion = Companion(ours.detach(), self.recording, self.page, os.pidfd_open(self.process.pid))
+        self.companion = Companion(ours.detach(), self.recording, self.shared, os.pidfd_open(self.process.pid))
 
     def send(self, **message):
         self.theirs.send(json.dumps(message).encode())
@@ -51,7 +51,7 @@ def ends(monkeypatch):
     posted = []
     monkeypatch.setattr(
         "runtime.record.recorder.companion.Writer",
-        lambda page: type("Posted", (), {"set": lambda self, changes: posted.append(changes)})(),
+        lambda shared: type("Posted", (), {"set": lambda self, changes: posted.append(changes)})(),
     )
     made = Ends()
     made.posted = posted
@@ -104,11 +104,11 @@ def test_companion_that_does_not_read_does_not_block(ends):
         ends.companion.press("y")
 
 
-@pytest.mark.parametrize("end", [lambda ends: ends.page.close(), lambda ends: ends.process.kill()])
+@pytest.mark.parametrize("end", [lambda ends: ends.shared.close(), lambda ends: ends.process.kill()])
 def test_companion_that_ends_with_the_run_changes_nothing(ends, end):
     ends.send(fallback=[[0, 1.0]])
     end(ends)
-    select.select([os.pidfd_open(ends.process.pid)], [], [], 0.0 if ends.page.closed else 10.0)
+    select.select([os.pidfd_open(ends.process.pid)], [], [], 0.0 if ends.shared.closed else 10.0)
     ends.theirs.close()
     ends.companion.look()
     assert (ends.posted, ends.recording.events) == ([], [])
@@ -119,5 +119,5 @@ def test_fallback_is_written_to_the_mailbox():
     made.send(fallback=[[0, 1.0]])
     made.theirs.close()
     made.companion.look()
-    assert Writer(made.page).mark() == 1  # letter 0 is in use
+    assert Writer(made.shared).mark() == 1  # letter 0 is in use
     made.close()

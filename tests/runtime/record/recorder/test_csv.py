@@ -324,16 +324,16 @@ def test_a_line_truncated_by_a_full_disk_is_removed(tmp_path):
 
 
 def test_device_time_is_used_if_requested(tmp_path):
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     with Diagram("clocked", rate=200) as diagram:
         Counter(name="counter")
         CsvRecorder(time="device")
     began = time.time()
-    run(diagram, tmp_path, 20, virtual=False, page=page)
+    run(diagram, tmp_path, 20, virtual=False, shared=shared)
     header, rows = read_csv(tmp_path / "clocked.csv")
     times = [float(cells[0]) for cells in rows]
     assert header[0] == "time [s]" and began < times[0] < began + 5.0
-    zero = (page.wall + page.first_tick) * 1e-9
+    zero = (shared.wall + shared.first_tick) * 1e-9
     assert [time - zero for time in times] == pytest.approx([int(cells[1]) / 200 for cells in rows], abs=1e-6)
 
 
@@ -344,13 +344,13 @@ def test_file_that_a_recorder_is_writing_is_not_replaced(tmp_path, first):
     sinks[0]["parameters"]["overwrite"] = first
     with pytest.raises(RecorderError, match=r"two cannot start: another recorder is writing this file: .*mine\.csv$"):
         record(plan(tmp_path / "both", *sinks), [row(0, 1.0)])
-    page = SharedState()
-    writing = RecorderProcess(page)
+    shared = SharedState()
+    writing = RecorderProcess(shared)
     writing.configure(plan(tmp_path, sinks[0]))
     with pytest.raises(RecorderError, match="two cannot start"):
         record(plan(tmp_path, sinks[1]), [row(0, 1.0)])
-    assert page.push(*row(0, 2.0))
-    page.close()
+    assert shared.push(*row(0, 2.0))
+    shared.close()
     report = writing.finish()
     notes = [file["note"] for file in report["files"]]
     assert notes[:2] == ["1 row of 1 signal", "1 tick of 1 signal, 0 frames"] and not report["problems"]

@@ -34,8 +34,8 @@ def test_the_end_waits_for_the_disk_in_real_time_alone(tmp_path, monkeypatch, vi
     synced = set()
     monkeypatch.setattr(os, "fsync", lambda file: synced.add(os.path.splitext(os.readlink(f"/proc/self/fd/{file}"))[1]))
     can = {"buses": ["legs"], "media": ["can"]}
-    page = SharedState(1 << 16)
-    recording = Recording(plan(tmp_path, sink(CSV, "a", columns("a.x m")), virtual=virtual, **can), page)
+    shared = SharedState(1 << 16)
+    recording = Recording(plan(tmp_path, sink(CSV, "a", columns("a.x m")), virtual=virtual, **can), shared)
     recording.open()
     recording.begin()
     assert recording.finish(orphaned=False)["problems"] == []

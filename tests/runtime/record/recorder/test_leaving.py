@@ -44,17 +44,17 @@ def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, 
     ],
 )
 def test_the_cause_of_death_names_the_block_and_the_state_or_signal(state, tick, at, crashed, hung, said):
-    page = SimpleNamespace(state=state, at=at, crashed=crashed, hung=hung, statistics=lambda: {"last_tick": tick})
-    page.in_run = False
-    cause = cause_of_death(page, ["receiving", "left/law"])
+    shared = SimpleNamespace(state=state, at=at, crashed=crashed, hung=hung, statistics=lambda: {"last_tick": tick})
+    shared.in_run = False
+    cause = cause_of_death(shared, ["receiving", "left/law"])
     assert cause == said if crashed else cause.startswith(said)
 
 
 def test_the_cause_of_death_in_a_run_of_machine_code_names_its_first_block():
-    page = SimpleNamespace(
+    shared = SimpleNamespace(
         state="running", at=1, crashed=0, hung=None, in_run=True, statistics=lambda: {"last_tick": 41}
     )
-    cause = cause_of_death(page, ["receiving", "left/law"])
+    cause = cause_of_death(shared, ["receiving", "left/law"])
     assert cause.startswith("in left/law or a native block after it, after tick 41 without")
 
 

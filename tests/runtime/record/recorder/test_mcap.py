@@ -247,14 +247,14 @@ def test_frames_are_grouped_by_drain_and_keep_their_order_with_rows(tmp_path):
 
 
 def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tmp_path):
-    outcome, report, page = run(counting(rate=500), tmp_path, 50, virtual=False)
+    outcome, report, shared = run(counting(rate=500), tmp_path, 50, virtual=False)
     found = log(tmp_path / "counting.mcap")
     ticks, times = found.signal("/tickwork/tick tick"), [time for time, _ in found.channels["/tickwork/tick"]]
-    assert [time - page.wall for time in times] == [2_000_000 * tick for tick in ticks]
+    assert [time - shared.wall for time in times] == [2_000_000 * tick for tick in ticks]
     late = found.signal("/tickwork/tick lateness")
     # the grid point that was awaited
     behind = [now + (tick - before - 1) / 500 for now, tick, before in zip(late, ticks, [-1, *ticks])]
-    assert max(behind) == pytest.approx(page.statistics()["lateness"]["max"], abs=1e-9) and min(late) > 0.0
+    assert max(behind) == pytest.approx(shared.statistics()["lateness"]["max"], abs=1e-9) and min(late) > 0.0
     assert found.attachments["end.json"]["statistics"]["ticks"] == len(ticks)
 
 

@@ -45,19 +45,21 @@ def forked_children():
 
 
 def test_every_row_of_a_run_arrives_in_order_with_the_computed_values(tmp_path):
-    outcome, report, page = run(counting(), tmp_path, 3000, page=SharedState(1 << 14))  # a ring of a hundred rows
+    outcome, report, shared = run(counting(), tmp_path, 3000, shared=SharedState(1 << 14))  # a ring of a hundred rows
     header, rows = read_csv(tmp_path / "counting.csv")
     assert header == ["time [s]", "tick", "counter.odd", "counter.value [m]", "counter.whole"]
     assert rows == [
         [repr(tick / 200), str(tick), str(tick % 2), repr(0.1 * tick), str(tick // 3)] for tick in range(3000)
     ]
-    assert report["ticks"] == page.statistics()["ticks"] == 3000 and report["dropped"] == 0 and report["ended"] == "ok"
+    assert (
+        report["ticks"] == shared.statistics()["ticks"] == 3000 and report["dropped"] == 0 and report["ended"] == "ok"
+    )
 
 
 def test_in_real_time_every_completed_tick_is_in_the_file(tmp_path):
-    outcome, report, page = run(counting(rate=1000), tmp_path, 300, virtual=False)
+    outcome, report, shared = run(counting(rate=1000), tmp_path, 300, virtual=False)
     ticks = [int(cells[1]) for cells in read_csv(tmp_path / "counting.csv")[1]]
-    statistics = page.statistics()
+    statistics = shared.statistics()
     assert (
         ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"] and len(ticks) + statistics["missed"] == 300
     )
@@ -75,7 +77,7 @@ def test_data_files_of_two_identical_runs_are_byte_identical(tmp_path):
 
 def test_sidecar_describes_run_and_outcome(tmp_path):
     diagram, plant = leg()
-    outcome, report, page = run(
+    outcome, report, shared = run(
         diagram, tmp_path, 100, plant=plant, metadata={"trial": {"subject": "S03"}, "odd": math.nan}
     )
     sidecar = json.loads(
@@ -89,7 +91,7 @@ def test_sidecar_describes_run_and_outcome(tmp_path):
     )
     assert sidecar["metadata"] == {"trial": {"subject": "S03"}, "odd": None}
     assert sidecar["ticks"] == 100 and sidecar["missed"] == sidecar["dropped"] == 0 and sidecar["ended"] == "ok"
-    assert sidecar["statistics"]["frames"]["sent"] == page.statistics()["frames"]["sent"] > 100
+    assert sidecar["statistics"]["frames"]["sent"] == shared.statistics()["frames"]["sent"] > 100
     assert sidecar["began"].startswith("20") and sidecar["began"][-6] in "+-"  # ISO 8601 with the offset
     assert sidecar["files"] == report["files"] and {Path(f["path"]).name for f in sidecar["files"]} == {
         p.name for p in tmp_path.iterdir()
@@ -97,12 +99,12 @@ def test_sidecar_describes_run_and_outcome(tmp_path):
 
 
 def ended(event, folder):
-    page = SharedState(1 << 16)
-    recorder = RecorderProcess(page)
+    shared = SharedState(1 << 16)
+    recorder = RecorderProcess(shared)
     recorder.configure(plan(folder, sink(CSV, "a", SIGNALS)))
     if event:
-        page.push(3, json.dumps({"event": "end", "culprit": None, "signal": 0, "tick": 7, **event}).encode())
-    page.close()
+        shared.push(3, json.dumps({"event": "end", "culprit": None, "signal": 0, "tick": 7, **event}).encode())
+    shared.close()
     return recorder.finish()["ended"]
 
 
@@ -117,9 +119,9 @@ CONTROL = """
 import os, sys
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from tests.runtime.record.recorder.running import counting, run
-page = SharedState(fd=int(sys.argv[1]))
+shared = SharedState(fd=int(sys.argv[1]))
 announce = lambda recorder: print(recorder.pid, flush=True)
-run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=announce)
+run(counting(rate=500), sys.argv[2], -1, virtual=False, shared=shared, before=announce)
 """
 
 
@@ -127,12 +129,12 @@ class Controller:
     """A control process in real time, and what it and its recorder write to standard error."""
 
     def __init__(self, folder, **options):
-        self.page = SharedState(1 << 20)
+        self.shared = SharedState(1 << 20)
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, "-c", CONTROL, str(self.page.fd), str(folder)],
+            [sys.executable, "-c", CONTROL, str(self.shared.fd), str(folder)],
             cwd=ROOT,
-            pass_fds=[self.page.fd],
+            pass_fds=[self.shared.fd],
             text=True,
             stdout=subprocess.PIPE,
             **{"stderr": subprocess.PIPE, **options},
@@ -140,7 +142,7 @@ class Controller:
         self.recorder = int(self.process.stdout.readline())
 
     def run_until(self, ticks):
-        while self.page.statistics()["ticks"] < ticks:
+        while self.shared.statistics()["ticks"] < ticks:
             assert self.process.poll() is None
             select.select([], [], [], 0.01)
 
@@ -159,7 +161,7 @@ def test_after_kill_9_of_the_control_process_every_completed_tick_is_on_disk_and
     control.run_until(300)
     control.kill()
     assert ends_by_itself(control.recorder)
-    statistics = control.page.statistics()
+    statistics = control.shared.statistics()
     ticks = control.ticks_in_file()
     assert len(ticks) - statistics["ticks"] in (0, 1)  # killed between the row and the count, at worst
     assert ticks == sorted(set(ticks)) and ticks[-1] - statistics["last_tick"] in (0, 1) and len(ticks) >= 300
@@ -189,7 +191,7 @@ def test_neither_signals_nor_a_broken_terminal_end_it_while_control_lives(tmp_pa
     control.run_until(200)
     control.kill()
     assert ends_by_itself(control.recorder)
-    assert len(control.ticks_in_file()) >= control.page.statistics()["ticks"]
+    assert len(control.ticks_in_file()) >= control.shared.statistics()["ticks"]
 
 
 def test_ctrl_c_in_the_terminal_reaches_the_controller_only(tmp_path):
@@ -200,7 +202,7 @@ def test_ctrl_c_in_the_terminal_reaches_the_controller_only(tmp_path):
     assert control.process.wait(20) == 0
     assert ends_by_itself(control.recorder)
     sidecar = json.loads((tmp_path / "counting.json").read_text())
-    assert sidecar["ended"] == "stopped by SIGINT" and sidecar["ticks"] == control.page.statistics()["ticks"]
+    assert sidecar["ended"] == "stopped by SIGINT" and sidecar["ticks"] == control.shared.statistics()["ticks"]
     assert control.process.stderr.read() == ""
     control.process.stdout.close()
     control.process.stderr.close()
@@ -211,16 +213,16 @@ def test_a_folder_that_is_deleted_ends_its_files_with_a_line_each_and_leaves_no_
     before = os.getcwd()
     os.chdir(tmp_path / "work")
     try:
-        page = SharedState(1 << 20)
-        recorder = RecorderProcess(page)
+        shared = SharedState(1 << 20)
+        recorder = RecorderProcess(shared)
         recorder.configure(plan("recordings", sink(CSV, "csv", SIGNALS)))
         session = os.getsid(recorder.pid)
         shutil.rmtree(tmp_path / "work")
     finally:
         os.chdir(before)
     for tick in range(5):
-        assert page.push(*row(tick, 1.0))
-    page.close()
+        assert shared.push(*row(tick, 1.0))
+    shared.close()
     report = recorder.finish()
     problems = report["problems"]
     assert ends_by_itself(recorder.pid, 5.0) and all_ended(session)
@@ -253,8 +255,8 @@ def test_no_writer_starts_once_the_control_process_has_ended(tmp_path):
 
 
 def refused(folder, *sinks, match):
-    page = SharedState(1 << 12)
-    recorder = RecorderProcess(page)
+    shared = SharedState(1 << 12)
+    recorder = RecorderProcess(shared)
     with pytest.raises(RecorderError, match=match) as caught:
         recorder.configure(plan(folder, *sinks))
     recorder.abandon()  # as the caller does: harmless
@@ -297,11 +299,11 @@ def test_a_service_that_cannot_start_is_named(tmp_path, service, match):
 
 
 def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, hard))  # the child inherits it: no file above 8 KiB
     try:
-        recorder = RecorderProcess(page)
+        recorder = RecorderProcess(shared)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     wide = columns(*(f"a.x{index} m" for index in range(20)))
@@ -309,8 +311,8 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
         plan(tmp_path, sink(CSV, "wide", wide, flush_rows=10), sink(CSV, "narrow", wide[:1], file="narrow"))
     )
     for tick in range(400):
-        assert page.push(*row(tick, *range(20)))
-    page.close()
+        assert shared.push(*row(tick, *range(20)))
+    shared.close()
     report = recorder.finish()
     assert [re.sub(r"[\d.]+ s", "# s", problem) for problem in sorted(report["problems"])] == [
         "flight log stopped at # s: File too large",
@@ -326,18 +328,18 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
 
 
 def test_deleted_files_are_reported_and_others_continue(tmp_path, capfd):
-    page, folder = SharedState(1 << 20), tmp_path / "out"
-    recorder = RecorderProcess(page)
+    shared, folder = SharedState(1 << 20), tmp_path / "out"
+    recorder = RecorderProcess(shared)
     recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept"), virtual=False))
     for tick in range(100):
-        assert page.push(*row(tick, 1.0))
+        assert shared.push(*row(tick, 1.0))
     patient(lambda: (folder / "bench_1.csv").stat().st_size > 500)
     for ending in ("csv", "mcap"):
         (folder / f"bench_1.{ending}").unlink()
     for tick in range(100, 200):
-        assert page.push(*row(tick, 1.0))
+        assert shared.push(*row(tick, 1.0))
     patient(lambda: (folder / "kept.csv").read_text().count("\n") == 201)
-    page.close()
+    shared.close()
     report = recorder.finish()
     # in either order: a look may lie between the two deletions
     assert sorted(re.sub(r" at [\d.]+ s", "", problem) for problem in report["problems"]) == [

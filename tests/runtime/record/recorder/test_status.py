@@ -158,15 +158,15 @@ class Sheet:
 
 def test_the_status_line_keeps_its_form_for_three_seconds():
     """Ten times a second from one form to the other and back: that would flicker."""
-    sheet, page = Sheet(), Still()
+    sheet, shared = Sheet(), Still()
     sheet.columns = 1 + len("running ━━━━━━━━ 9.9/10 s · missed 0 · dropped 0")
-    status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=10.0, rate=200.0), page)
+    status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=10.0, rate=200.0), shared)
     now = 0.0
 
     def drawn(tick):
         nonlocal now
         now += 0.1
-        page.told = {**STATISTICS, "last_tick": tick}
+        shared.told = {**STATISTICS, "last_tick": tick}
         status.history.clear()  # no rate
         status.update(now)
         return sheet.line
@@ -183,9 +183,9 @@ def test_the_status_line_keeps_its_form_for_three_seconds():
 
 def test_the_answer_to_a_key_returns_to_a_narrow_status_line_as_soon_as_it_fits():
     """While a parameter ramps, its value and target together may be too long."""
-    sheet, page, panel = Sheet(), Still(), Still()
-    sheet.columns, page.told = 40, {**STATISTICS, "last_tick": 199}
-    status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=None, rate=200.0), page, panel)
+    sheet, shared, panel = Sheet(), Still(), Still()
+    sheet.columns, shared.told = 40, {**STATISTICS, "last_tick": 199}
+    status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=None, rate=200.0), shared, panel)
     lines = []
     for now, value in enumerate(("6 N·m", "6.05 N·m > 6.2 N·m", "6.2 N·m"), 1):
         panel.parts = lambda now, value=value: [part(8.5, f"profile.peak {value}")]
@@ -207,12 +207,12 @@ def test_rates_are_taken_over_the_window():
 
 
 def test_rates_of_arming_do_not_count_in_the_run():
-    sheet, page, recording = Sheet(), Still(), Heard([0], None, [0])
+    sheet, shared, recording = Sheet(), Still(), Heard([0], None, [0])
     sheet.columns = 200
     status = StatusLine(
         sheet,
         plan(None, status_line=True, virtual=False, rate=200.0, buses=["legs"], bitrates={"legs": 1e6}),
-        page,
+        shared,
         None,
         recording,
     )
@@ -221,7 +221,7 @@ def test_rates_of_arming_do_not_count_in_the_run():
     def drawn(state, bits):
         nonlocal now
         now += 0.1
-        page.state, recording.bits = state, [recording.bits[0] + bits]
+        shared.state, recording.bits = state, [recording.bits[0] + bits]
         status.update(now)
         return sheet.line
 

@@ -163,16 +163,16 @@ def test_run_that_a_signal_ends_reports_strides_and_draws_no_picture(tmp_path):
 
 
 def test_strides_restart_after_killed_writer_and_report_states_it():
-    rows, page = walk(12), SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    rows, shared = walk(12), SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
     recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns), virtual=False))
     for number, values in enumerate(rows):
         if number == 700:  # in the middle of the fourth stride
-            patient(lambda: page.empty)
+            patient(lambda: shared.empty)
             os.kill(*patient(lambda: writers(recorder.pid)), signal.SIGKILL)
-        assert page.push(*row(*values))
-    page.close()
+        assert shared.push(*row(*values))
+    shared.close()
     report = recorder.finish()
     assert report["strides"][0]["strides"] == 8 and report["problems"][1:] == [
         "left: the average does not include strides before part 2"

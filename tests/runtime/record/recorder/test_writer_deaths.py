@@ -54,7 +54,7 @@ class Killer(Block):
 
 
 def killed(folder, deaths, victims=writers, **options):
-    """A run of 500 ticks whose recorders die at {tick: signal}. Returns (outcome, report, page, killer, session)."""
+    """A run of 500 ticks whose recorders die at {tick: signal}. Returns (outcome, report, shared, killer, session)."""
     with Diagram("killing", rate=500) as diagram:
         session = []
         killer = Killer(deaths, lambda: victims(session[0]), name="killer")
@@ -69,13 +69,13 @@ def ticks_of(*files):
 
 @pytest.mark.parametrize("virtual", [True, False])
 def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
-    outcome, report, page, killer, session = killed(
+    outcome, report, shared, killer, session = killed(
         tmp_path,
         {150: signal.SIGKILL, 400: signal.SIGSEGV},
         virtual=virtual,
-        page=SharedState(1 << (12 if virtual else 20)),
+        shared=SharedState(1 << (12 if virtual else 20)),
     )
-    statistics = page.statistics()
+    statistics = shared.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
     parts = [tmp_path / f"killing{part}.csv" for part in ("", "_part2", "_part3")]
     ticks = ticks_of(*parts)
@@ -107,7 +107,7 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
 
 
 def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path):
-    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, page=SharedState(1 << 20), compression="none")
+    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, shared=SharedState(1 << 20), compression="none")
     first, second = (tmp_path / f"killing{part}.mcap" for part in ("", "_part2"))
     data, ticks = first.read_bytes(), Trial(second).tick.tolist()
     begin = data.find(b'"begin"')  # on a busy machine the writer is killed before it has flushed that
@@ -120,10 +120,10 @@ def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(
 
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
-    outcome, report, page, killer, session = killed(
-        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=SharedState(1 << 12)
+    outcome, report, shared, killer, session = killed(
+        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, shared=SharedState(1 << 12)
     )
-    statistics = page.statistics()
+    statistics = shared.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] > 0
     told = [
         "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
@@ -141,7 +141,7 @@ def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tm
 
 def test_a_dying_writer_is_restarted_at_most_three_times(tmp_path):
     deaths = [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE]
-    outcome, report, page, killer, session = killed(tmp_path, dict(zip((50, 100, 150, 200), deaths)), virtual=False)
+    outcome, report, shared, killer, session = killed(tmp_path, dict(zip((50, 100, 150, 200), deaths)), virtual=False)
     assert outcome.status == "ok" and len(set(killer.killed)) == 4 and all_ended(session)
     assert len(report["problems"]) == 4 and "SIGBUS); recording stops" in report["problems"][-1]
     assert sorted(path.name for path in tmp_path.glob("*.mcap")) == [
@@ -156,19 +156,19 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
         "class Strange(Service):\n    def state(self):\n        return lambda: 'which nobody can keep'\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    page = SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    shared = SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     recorder.configure(
         plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS), virtual=False)
     )
     for tick in range(100):
-        page.push(*row(tick, float(tick)))
+        shared.push(*row(tick, float(tick)))
         if tick == 50:
-            patient(lambda: page.empty)
+            patient(lambda: shared.empty)
             with pytest.raises(RepairFailed, match="bench_1.mcap is still being recorded"):
                 Repair(tmp_path / "out" / "bench_1.mcap")
             os.kill(*patient(lambda: writers(os.getsid(recorder.pid))), signal.SIGKILL)
-    page.close()
+    shared.close()
     report = recorder.finish()
     assert report["problems"] == [
         "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
@@ -181,22 +181,22 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
 @pytest.mark.soak
 @pytest.mark.parametrize("attempt", range(12))
 def test_a_recorder_killed_while_completing_files_is_replaced(tmp_path, attempt):
-    page = SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    shared = SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS), virtual=False))
     session = os.getsid(recorder.pid)
     for tick in range(9000):
-        while not page.push(*row(tick, float(tick))):
+        while not shared.push(*row(tick, float(tick))):
             time.sleep(0.001)
         if tick == 8000:
             [victim] = patient(lambda: writers(session))
             os.kill(victim, signal.SIGSEGV)
     [victim] = patient(lambda: set(writers(session)) - {victim})
-    page.push(
+    shared.push(
         RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 8999}).encode()
     )
-    patient(lambda: page.empty)
-    page.close()
+    patient(lambda: shared.empty)
+    shared.close()
     time.sleep(0.005 * attempt)
     with suppress(ProcessLookupError):  # it has completed the files
         os.kill(victim, signal.SIGKILL)
@@ -210,10 +210,10 @@ def test_a_recorder_killed_while_completing_files_is_replaced(tmp_path, attempt)
 
 
 def test_the_writer_completes_the_files_if_its_parent_is_killed(tmp_path):
-    outcome, report, page, killer, session = killed(
+    outcome, report, shared, killer, session = killed(
         tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts"), virtual=False
     )
-    statistics = page.statistics()
+    statistics = shared.statistics()
     assert (
         outcome.status == "ok" and len(killer.killed) == 1 and statistics["dropped"] == 0 and report["problems"] == []
     )
@@ -222,14 +222,14 @@ def test_the_writer_completes_the_files_if_its_parent_is_killed(tmp_path):
 
 @pytest.mark.parametrize("virtual", [True, False])
 def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path, virtual):
-    outcome, report, page, killer, session = killed(
+    outcome, report, shared, killer, session = killed(
         tmp_path,
         {50: signal.SIGKILL},
         lambda session: writers(session, "tickwork-parts") + writers(session),
         virtual=virtual,
-        page=SharedState(1 << 12),
+        shared=SharedState(1 << 12),
     )
-    statistics = page.statistics()
+    statistics = shared.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0
     assert report["problems"] == [

@@ -30,7 +30,7 @@ def path(tmp_path_factory):
         ]
     paths = [f"leg{place // 30}/block.x{place} rad" for place in range(SIGNALS)]
     order = plan(folder, sink(CSV, "csv", columns(*paths)), stem="long", buses=BUSES)
-    record(order, records, page=SharedState(1 << 23))
+    record(order, records, shared=SharedState(1 << 23))
     return folder / "long.mcap"
 
 

@@ -42,20 +42,20 @@ def write(folder, monkeypatch, compression, rows, flush_rows, chunk, width=40):
     """Write a recording in this process, flushed every `flush_rows` rows. Returns its bytes. chunk : bytes"""
     monkeypatch.setattr(mcap_file, "CHUNK", chunk)
     signals = columns(*(f"a.x{index} m" for index in range(width)))
-    page = SharedState(1 << 20)
+    shared = SharedState(1 << 20)
     description = plan(folder, sink(CSV, "a", signals), stem="long", compression=compression, buses=["legs"])
-    recording = Recording(description, page)
+    recording = Recording(description, shared)
     recording.open()
     recording.begin()
     for tick in range(rows):
-        page.push(4, (1000 * tick).to_bytes(8, "little"))
-        page.push(*frame(1000 * tick, 1, bytes([tick % 256])))
-        page.push(*row(tick, *[tick / 3.0] * width))
+        shared.push(4, (1000 * tick).to_bytes(8, "little"))
+        shared.push(*frame(1000 * tick, 1, bytes([tick % 256])))
+        shared.push(*row(tick, *[tick / 3.0] * width))
         if tick % flush_rows == flush_rows - 1:
-            recording.take(read_ring(page))
+            recording.take(read_ring(shared))
             recording.flush()
-    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "tick": 0}).encode())
-    recording.take(read_ring(page))
+    shared.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "tick": 0}).encode())
+    recording.take(read_ring(shared))
     recording.finish(False)
     return (folder / "long.mcap").read_bytes()
 

@@ -50,12 +50,12 @@ class Log:
 class Carrying:
     """A guardian in this process, with two buses that it carries and a motor on each; and the loop's ends of them."""
 
-    def __init__(self, page=None):
-        self.page, self.lines = page or SharedState(1 << 12), Lines(2)
+    def __init__(self, shared=None):
+        self.shared, self.lines = shared or SharedState(1 << 12), Lines(2)
         self.ends = [Line(self.lines, number).end for number in range(2)]
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
-        self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
+        self.guardian = guardian = Guardian(self.shared, self.lines, -1, self.orders, read)
         with Diagram("robot", rate=200) as robot:
             for bus in range(2):
                 CubeMars("AK80-9", can_id=1, bus=f"{bus}", name=f"{bus}")(torque_command=0.0)
@@ -97,7 +97,7 @@ def test_a_fence_that_is_raised_between_taking_frames_and_sending_them_holds_bac
     def count(data):
         gone.append(data)
         if len(gone) == after:
-            robot.page.raise_fence()
+            robot.shared.raise_fence()
             robot.queue(*STOP)
 
     robot.wires[0].then = robot.wires[1].then = count
@@ -113,7 +113,7 @@ def test_frames_queued_when_the_guardian_stops_the_motors_are_never_sent(robot, 
     robot.queue(TORQUE, ENABLE, TORQUE)
     now = time.monotonic_ns()
     robot.guardian.begin_stop(why, 50_000_000, now)
-    assert robot.page.fenced and robot.sent() == [STOP, STOP]  # at once, before anything that waits
+    assert robot.shared.fenced and robot.sent() == [STOP, STOP]  # at once, before anything that waits
     robot.guardian.carry()
     robot.queue(TORQUE)  # a loop that had been stopped goes on
     robot.guardian.carry()
@@ -123,7 +123,7 @@ def test_frames_queued_when_the_guardian_stops_the_motors_are_never_sent(robot, 
 
 def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
     fenced = []
-    robot.wires[0].then = lambda data: fenced.append(robot.page.fenced)
+    robot.wires[0].then = lambda data: fenced.append(robot.shared.fenced)
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert fenced == [True, True]
 
@@ -214,23 +214,23 @@ class Tells(Block):
 
 def judged(look, tick=20):
     """A guardian that looks at a real loop in the middle of its run: `look(guardian, page)`. Returns it."""
-    page = SharedState(1 << 20)
-    guardian = Carrying(page).guardian
+    shared = SharedState(1 << 20)
+    guardian = Carrying(shared).guardian
     rig = one_drive(
-        lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page), tick)(knee.position)),
-        options={"page": page},
+        lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, shared), tick)(knee.position)),
+        options={"shared": shared},
     )
     rig.run(40)
     return guardian
 
 
 def test_a_loop_that_ticked_within_the_limit_counts_as_alive():
-    assert judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit)).verdict is None
+    assert judged(lambda guardian, shared: guardian.check_loop(shared.beat + guardian.limit)).verdict is None
 
 
 @pytest.mark.hazard("H8e")
 def test_stalled_loop_is_stopped_and_its_last_tick_reported():
-    guardian = judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit + 1))
+    guardian = judged(lambda guardian, shared: guardian.check_loop(shared.beat + guardian.limit + 1))
     assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == (
         "stalled",
         "running",
@@ -239,13 +239,13 @@ def test_stalled_loop_is_stopped_and_its_last_tick_reported():
     assert (
         guardian.verdict["silent"] == pytest.approx(0.04, abs=1e-6)
         and guardian.stuck_at is None
-        and guardian.page.fenced
+        and guardian.shared.fenced
     )
 
 
 @pytest.mark.parametrize("tick, moving", [(0, False), (1, True)])
 def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
-    def look(guardian, page):
+    def look(guardian, shared):
         for device in guardian.devices:
             device["damp"] = {
                 "duration": 0.1,
@@ -255,7 +255,7 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
                 "velocity": None,
                 "bands": [(math.inf, [(1, b"damp")])],
             }
-        guardian.check_loop(page.beat + guardian.limit + 1)
+        guardian.check_loop(shared.beat + guardian.limit + 1)
 
     guardian = judged(look, tick)
     assert guardian.verdict["last_tick"] == tick - 1
@@ -265,9 +265,9 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
 HUNG, CRASHED, ASLEEP = 32, 36, 48  # bytes, of cext.safety.shared_state.SharedLayout
 
 
-def write(page, offset, number):
+def write(shared, offset, number):
     """What the loop's watchdog, or its handler of a crash, writes there."""
-    with mmap.mmap(page.fd, 0) as memory:
+    with mmap.mmap(shared.fd, 0) as memory:
         struct.pack_into("=i", memory, offset, number)
 
 
@@ -275,10 +275,10 @@ def write(page, offset, number):
 def test_a_hanging_step_is_reported_and_checked_again(item, block):
     asked = []
 
-    def look(guardian, page):
-        write(page, HUNG, item)
-        asked.append(page.beat)
-        guardian.check_loop(page.beat)
+    def look(guardian, shared):
+        write(shared, HUNG, item)
+        asked.append(shared.beat)
+        guardian.check_loop(shared.beat)
 
     guardian = judged(look)
     assert (guardian.verdict["because"], guardian.verdict["block"]) == (
@@ -295,39 +295,39 @@ def suspend(shared, seconds):
         struct.pack_into("=q", memory, ASLEEP, before - round(seconds * 1e9))
 
 
-def crash(guardian, page):
-    write(page, HUNG, 1)
-    write(page, CRASHED, signal.SIGSEGV)
+def crash(guardian, shared):
+    write(shared, HUNG, 1)
+    write(shared, CRASHED, signal.SIGSEGV)
 
 
 @pytest.mark.parametrize(
     "deed, verdict",
     [
-        (lambda guardian, page: setattr(guardian, "dead", True), {"because": "died"}),
+        (lambda guardian, shared: setattr(guardian, "dead", True), {"because": "died"}),
         (crash, {"because": "died", "block": "law", "signal": "SIGSEGV"}),
         (
-            lambda guardian, page: suspend(page.fd, 3600.0),
+            lambda guardian, shared: suspend(shared.fd, 3600.0),
             {"because": "suspended", "silent": pytest.approx(3600.0, abs=1)},
         ),
     ],
     ids=["exit", "crash", "suspend"],
 )
 def test_drives_are_stopped_at_once_and_the_cause_reported(deed, verdict):
-    def look(guardian, page):
-        deed(guardian, page)
-        guardian.check_loop(page.beat)
+    def look(guardian, shared):
+        deed(guardian, shared)
+        guardian.check_loop(shared.beat)
 
     guardian = judged(look)
     assert {key: guardian.verdict[key] for key in verdict} == verdict
-    assert guardian.stuck_at is None and guardian.page.fenced
+    assert guardian.stuck_at is None and guardian.shared.fenced
     assert [wire.sent for wire in guardian.wires.values()] == [STOP] * 2
 
 
 def test_finished_loop_is_not_stopped():
-    guardian = judged(lambda guardian, page: None)
+    guardian = judged(lambda guardian, shared: None)
     guardian.gone = True
     guardian.check_loop(time.monotonic_ns() + 10 * guardian.limit)
-    assert guardian.page.state == "safe" and guardian.verdict is None
+    assert guardian.shared.state == "safe" and guardian.verdict is None
 
 
 # A bus that the loop drives itself
@@ -340,8 +340,8 @@ def test_the_stop_is_repeated_after_a_send_that_had_begun_before_the_fence(end):
     class Held(SharedState):
         sending = True
 
-    page = Held(1 << 12)
-    robot = Carrying(page)
+    shared = Held(1 << 12)
+    robot = Carrying(shared)
     guardian, wire = robot.guardian, robot.wires[0]
     guardian.begin_stop("stalled", 50_000_000, 0)
     for now in range(0, 300_000_000, 5_000_000):

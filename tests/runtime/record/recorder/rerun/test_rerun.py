@@ -19,7 +19,7 @@ import pytest
 import runtime
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.host.errors import OK, BadInput
-from runtime.host.live.running import page_of
+from runtime.host.live.running import shared_state_of
 from runtime.record.recorder import RecorderError, RecorderProcess
 from runtime.record.recorder.rerun import viewer
 from runtime.record.recorder.rerun.scene import Scene
@@ -314,7 +314,7 @@ def test_server_is_announced_and_listens_on_loopback_until_run_ends(tmp_path):
         f"tickwork: Rerun in a browser: http://127.0.0.1:{web}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy\n"
     )
     assert {listening(port), listening(web)} == {"0100007F"}
-    patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 0)
+    patient(lambda: (shared := shared_state_of(run.pid)) and shared.statistics()["ticks"] > 0)
     run.send_signal(signal.SIGTERM)
     run.communicate(timeout=60)
     assert run.returncode == 143
@@ -322,7 +322,7 @@ def test_server_is_announced_and_listens_on_loopback_until_run_ends(tmp_path):
 
 
 @needs_rerun
-def test_only_the_page_of_the_server_may_connect_to_it():
+def test_only_the_shared_state_of_the_server_may_connect_to_it():
     """Which it asks the server before each connection (CORS); on any loopback address it is as elsewhere."""
     port, web = free_ports()
     server, _ = viewer.serve("127.0.0.2", port, web)
@@ -340,8 +340,8 @@ def test_only_the_page_of_the_server_may_connect_to_it():
             )
             return urllib.request.urlopen(request, timeout=10).headers.get("access-control-allow-origin")
 
-        for page in (f"http://127.0.0.2:{web}", f"http://{socket.gethostname()}:{web}"):
-            assert allowed(page) == page
+        for shared in (f"http://127.0.0.2:{web}", f"http://{socket.gethostname()}:{web}"):
+            assert allowed(shared) == shared
         assert allowed("http://elsewhere.example") is None
     finally:
         server.kill()
@@ -409,7 +409,7 @@ def test_killed_viewer_is_reported_and_run_continues(tmp_path):
     try:
         patient(lambda: listening(port))
         run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", f"127.0.0.1:{port}", cwd=tmp_path)
-        patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 200)
+        patient(lambda: (shared := shared_state_of(run.pid)) and shared.statistics()["ticks"] > 200)
         watching.kill()
         line = next(line for line in run.stderr if "rerun stopped" in line)  # a warning may come before it
         assert re.fullmatch(
@@ -469,7 +469,7 @@ def test_a_server_is_restarted_after_the_recorder_was_killed(tmp_path):
     )
     run = started(path, "--record", "out", cwd=tmp_path)
     assert "Rerun in a browser" in run.stderr.readline()
-    patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 100)
+    patient(lambda: (shared := shared_state_of(run.pid)) and shared.statistics()["ticks"] > 100)
     server = descendant(run.pid, "--serve-web")
     os.kill(writer_of(run.pid), signal.SIGKILL)
     patient(lambda: listening(port) is None)
@@ -489,8 +489,8 @@ def test_lost_viewer_does_not_stop_the_other_sink(tmp_path):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    page = SharedState(1 << 20)
-    recorder = RecorderProcess(page)
+    shared = SharedState(1 << 20)
+    recorder = RecorderProcess(shared)
     try:
         patient(lambda: listening(port))
         recorder.configure(
@@ -504,12 +504,12 @@ def test_lost_viewer_does_not_stop_the_other_sink(tmp_path):
         watching.kill()
         watching.wait()
     for tick in range(100):
-        page.push(*row(tick, float(tick)))
+        shared.push(*row(tick, float(tick)))
         if tick == 50:
-            patient(lambda: page.empty)
+            patient(lambda: shared.empty)
             os.kill(writer_of(recorder.pid), signal.SIGKILL)
     patient(lambda: (tmp_path / "bench_1_part2.mcap").exists())
-    page.close()
+    shared.close()
     report = recorder.finish()
     assert any(
         re.match(
