@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 HEADER = "# Generated from the source by `python -m cext.stubs`. Do not edit.\n"
-FOLDERS = ("bus", "clock", "lines", "ring", "safety", "schedule")
+FOLDERS = ("bus", "clock", "lines", "memory", "recording", "ring", "safety", "schedule")
 C_TYPES = {"bint": "bool", "double": "float", "float": "float", "object": "Any", "void": "None"}
 PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "tuple[Any, ...]"}
 IMPORTS = {"np": "import numpy as np", "Any": "from typing import Any", "NamedTuple": "from typing import NamedTuple"}

@@ -168,20 +168,20 @@ def test_only_changed_modules_are_compiled(tmp_path):
     assert changed(built, modules(tmp_path)) == {"cext/kernels/limiters"}
 
     built = modules(tmp_path)
-    (tmp_path / "cext" / "safety" / "shared_state.pxd").touch()
+    (tmp_path / "cext" / "memory" / "shared_state.pxd").touch()
     make("build", cwd=tmp_path, timeout=600)
     again = changed(built, modules(tmp_path))
-    assert {"cext/safety/shared_state", "cext/schedule/executor"} <= again and "cext/kernels/limiters" not in again
+    assert {"cext/memory/shared_state", "cext/schedule/executor"} <= again and "cext/kernels/limiters" not in again
 
     (tmp_path / "cext" / "kernels" / "limiters.pyx").unlink()
     make("build", cwd=tmp_path, timeout=600)
     assert not [name for name in modules(tmp_path) if "limiters" in name]
 
-    (tmp_path / "cext" / "safety" / "shared_state.pyx").write_text("cdef int 3x\n")
+    (tmp_path / "cext" / "memory" / "shared_state.pyx").write_text("cdef int 3x\n")
     broken = make("build", cwd=tmp_path, timeout=600)
     assert (
         broken.returncode != 0
-        and "cext/safety/shared_state.pyx:1" in broken.stdout
+        and "cext/memory/shared_state.pyx:1" in broken.stdout
         and told(broken)[-1].startswith("the native code does not compile")
     )
 

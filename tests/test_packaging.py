@@ -95,7 +95,7 @@ def test_cimports_are_imports():
 # as runtime.host.errors, are before its folders.
 
 ORDER = {
-    "cext": ("clock", "bus", "ring", "lines", "kernels", "fused", "safety", "schedule"),
+    "cext": ("clock", "bus", "ring", "lines", "kernels", "fused", "memory", "recording", "safety", "schedule"),
     "runtime": ("host", "robot", "record", "session", "experiments", "setup", "cli"),
     "runtime/host": ("console", "live", "machine"),
     "runtime/robot": ("guardian", "rig", "loading", "emulation"),

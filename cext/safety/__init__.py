@@ -1,1 +1,1 @@
-"""Thresholds, the shared state with the fence, drive monitors, owner death, fatal signals."""
+"""Thresholds, drive monitors, owner death, fatal signals, the keys of a terminal."""

@@ -1,6 +1,6 @@
 from libc.stdint cimport int64_t, uint32_t, uint64_t
 
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 
 cdef enum:
     WARNING_BITS = 32

@@ -4,7 +4,7 @@
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-from cext.safety.event_template cimport EventTemplate
+from cext.memory.event_template cimport EventTemplate
 
 
 cdef class DriveWarnings:

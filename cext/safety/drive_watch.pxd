@@ -1,7 +1,7 @@
 from libc.stdint cimport int64_t, uint64_t
 
 from cext.safety.motion_watch cimport Motion
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 
 cdef enum:
     BUCKETS = 65                     # of a window, plus the current one

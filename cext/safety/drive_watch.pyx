@@ -26,7 +26,7 @@ from cext.safety.motion_watch cimport (
     judge_values, stiff,
 )
 from cext.safety.jump_watch cimport is_at_end, set_acceleration
-from cext.safety.event_template cimport EventTemplate
+from cext.memory.event_template cimport EventTemplate
 from cext.safety.torque_watch cimport forget_uncommanded
 
 MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}

@@ -1,5 +1,5 @@
 from cext.fused.locate cimport CodeMap
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 
 cdef void take_fatal(SharedLayout *layout, const CodeMap *map) noexcept nogil
 cdef void give_back_fatal() noexcept nogil

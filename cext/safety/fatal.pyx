@@ -11,7 +11,7 @@ from libc.string cimport memset
 
 from cext.fused.locate cimport IN_RUN, CodeMap, item_of_context
 from cext.safety.forks cimport is_child
-from cext.safety.shared_state cimport FENCED_FOR_GOOD, SharedLayout, store_i32
+from cext.memory.shared_state cimport FENCED_FOR_GOOD, SharedLayout, store_i32
 from cext.posix cimport (
     SA_ONSTACK, SA_SIGINFO, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal,
     sigaction, sigaltstack, siginfo_t, stack_t,

@@ -10,8 +10,8 @@ from cpython.ref cimport Py_INCREF
 from libc.stdint cimport uint64_t
 from posix.unistd cimport write
 
-from cext.safety.robust_mutex cimport EOWNERDEAD, pthread_mutex_lock, pthread_mutex_unlock
-from cext.safety.shared_state cimport SharedState
+from cext.memory.robust_mutex cimport EOWNERDEAD, pthread_mutex_lock, pthread_mutex_unlock
+from cext.memory.shared_state cimport SharedState
 from cext.posix cimport pthread_t
 from cext.threads cimport be_called, start_thread
 

@@ -3,7 +3,7 @@
 from libc.stdint cimport int64_t
 
 from cext.clock.deadline_clock cimport suspended_time
-from cext.safety.shared_state cimport FENCED_FOR_GOOD, SharedLayout, load_i64, store_i32
+from cext.memory.shared_state cimport FENCED_FOR_GOOD, SharedLayout, load_i64, store_i32
 from cext.safety.thresholds cimport SUSPEND_LIMIT
 
 cdef inline int64_t suspended_since(SharedLayout *layout) noexcept nogil:

@@ -30,7 +30,7 @@ from cext.posix cimport (
 from cext.ring.keys cimport KEYS, Key, get_key, put_key
 from cext.ring.mailbox cimport BY_KEYS
 from cext.ring.operator cimport ask_to_stop
-from cext.safety.shared_state cimport READY, RUNNING, WAITING, SharedLayout, SharedState
+from cext.memory.shared_state cimport READY, RUNNING, WAITING, SharedLayout, SharedState
 from cext.safety.thresholds cimport KEYS_UNTAKEN_LIMIT
 from cext.threads cimport be_called, doze, start_thread, wake
 

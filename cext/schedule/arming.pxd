@@ -3,7 +3,7 @@ from libc.stdint cimport int64_t
 from cext.schedule.publisher cimport Publisher
 from cext.clock.overrun cimport Overrun
 from cext.clock.deadline_clock cimport DeadlineClock
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals
 from cext.bus.replay_bus cimport ReplayClock

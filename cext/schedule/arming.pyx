@@ -18,7 +18,7 @@ from cext.schedule.live cimport apply_changes, record_request
 from cext.ring.mailbox cimport CONFIRM
 from cext.ring.operator cimport NO_CONSENT
 from cext.clock.deadline_clock cimport clock, monotonic, suspended_time
-from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
+from cext.memory.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
 

@@ -1,7 +1,7 @@
 from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport FRAMES_PER_TICK, Frame
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 
 cdef enum:
     STREAM_READS = 16            # QUEUE and the ring of a stream hold this many times FRAMES_PER_TICK

@@ -8,7 +8,7 @@ from libc.string cimport memcpy
 from cext.abi cimport BUS_ERROR, FENCED, OK
 from cext.atomics cimport load_i32_in_order, store_i32, store_i32_in_order
 from cext.bus.memory_bus cimport BusEnd
-from cext.safety.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve
+from cext.memory.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.safety.suspend cimport fence_after_suspend
 
 

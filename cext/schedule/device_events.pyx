@@ -3,7 +3,7 @@
 
 from libc.stdlib cimport calloc, free
 
-from cext.safety.event_template cimport EventTemplate
+from cext.memory.event_template cimport EventTemplate
 
 EVENTS = {                          # kind and text
     ZEROED: ("zero", "the present position of the drive is its zero"),

@@ -7,7 +7,7 @@ from libc.string cimport memset
 
 from cext.bus.batch cimport load_batch
 from cext.safety.drive_state cimport OUT, forget_state
-from cext.safety.shared_state cimport DEVICE_LIMIT
+from cext.memory.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport STOP_LISTEN_LIMIT

@@ -2,7 +2,7 @@ from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.abi cimport Frame
 from cext.clock.stopwatch cimport Laps
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 from cext.safety.drive_warnings cimport DriveWarnings
 from cext.safety.drive_watch cimport DriveWatch
 from cext.schedule.buses cimport Buses

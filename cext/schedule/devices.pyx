@@ -23,7 +23,7 @@ from cext.clock.stopwatch cimport COMMAND, lap
 from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.drive_watch cimport Watched
 from cext.safety.motion_watch cimport is_stiff
-from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
+from cext.memory.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport FADE_IN, RESTART_PERIODS, STOP_LIMIT

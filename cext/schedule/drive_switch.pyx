@@ -11,7 +11,7 @@ from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
 from cext.safety.speed_bands cimport SpeedBands
-from cext.safety.shared_state cimport set_out
+from cext.memory.shared_state cimport set_out
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.motion_watch cimport POSITION, VELOCITY, blame

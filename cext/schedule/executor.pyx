@@ -30,7 +30,7 @@ from cext.schedule.publisher cimport Publisher
 from cext.schedule.live cimport STOP_WANTED
 from cext.clock.overrun cimport Overrun
 from cext.clock.deadline_clock cimport DeadlineClock, clock, monotonic
-from cext.safety.shared_state cimport RUNNING, SAFE, WAITING, SharedState, store_i32, store_i64
+from cext.memory.shared_state cimport RUNNING, SAFE, WAITING, SharedState, store_i32, store_i64
 from cext.posix cimport PR_SET_TIMERSLACK, prctl
 from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals

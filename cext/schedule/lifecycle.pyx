@@ -19,7 +19,7 @@ from cext.schedule.program cimport run_phase
 from cext.ring.mailbox cimport REARM
 from cext.ring.operator cimport NO_CONSENT
 from cext.clock.deadline_clock cimport monotonic
-from cext.safety.shared_state cimport ARMING, load_u64
+from cext.memory.shared_state cimport ARMING, load_u64
 from cext.safety.thresholds cimport DISABLE_CONFIRM_LIMIT
 
 from cext.schedule.outcome import Outcome, name_of

@@ -3,7 +3,7 @@
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.ring.mailbox cimport Letter
-from cext.safety.shared_state cimport SharedLayout, load_u64
+from cext.memory.shared_state cimport SharedLayout, load_u64
 from cext.schedule.held_outputs cimport HeldOutputs
 from cext.schedule.live_rules cimport LiveParameter, LiveRules
 from cext.clock.stopwatch cimport Laps

@@ -19,7 +19,7 @@ from cext.ring.mailbox cimport (
 )
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.clock.histogram cimport add
-from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
+from cext.memory.shared_state cimport CHANGE, commit, reserve, shown
 from cext.clock.stopwatch cimport GIL_WAIT, lap
 from cext.schedule.held_outputs cimport HeldOutputs
 from cext.schedule.live_rules cimport LiveParameter, LiveRules, approach

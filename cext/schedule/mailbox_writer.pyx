@@ -12,9 +12,9 @@ from cext.ring.mailbox cimport (
     Letter, Mailbox, claimed, in_step, step_of, writer_of,
 )
 from cext.ring.operator cimport ask_to_stop, consent_to
-from cext.safety.shared_state cimport SharedState
+from cext.memory.shared_state cimport SharedState
 
-from cext.safety.shared_state import ORIGINS
+from cext.memory.shared_state import ORIGINS
 
 ANSWERS = {
     TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", AGAINST_RULE: "against a rule"}
@@ -24,7 +24,7 @@ CHANGE_LIMIT = CHANGES
 cdef class Writer:
     """Writer to a run: changes and marks through its mailbox, and the requests of the operator beside it.
 
-    shared : cext.safety.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState
     origin : "set" or "keys"
 
     `set` and `mark` return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the writer

@@ -8,7 +8,7 @@ from cext.fused.locate cimport IN_RUN, CodeMap
 from cext.schedule.devices cimport Devices
 from cext.schedule.handover cimport Handover
 from cext.schedule.live cimport LiveTable
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport Laps, Stopwatch
 

@@ -1,6 +1,6 @@
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
-from cext.safety.shared_state cimport SharedState, SharedLayout
+from cext.memory.shared_state cimport SharedState, SharedLayout
 from cext.schedule.program cimport Program
 
 cdef class Publisher:

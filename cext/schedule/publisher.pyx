@@ -10,11 +10,11 @@ import numpy as np
 
 from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, PROGRAM_SILENT, UNGUARDED, Frame
 from cext.clock.histogram cimport Histogram
-from cext.safety.robust_mutex cimport find_dead
+from cext.memory.robust_mutex cimport find_dead
 from cext.ring.mailbox cimport CHANGES, LETTERS, Change
 from cext.ring.operator cimport NO_CONSENT, take_consent
 from cext.clock.deadline_clock cimport monotonic
-from cext.safety.shared_state cimport (
+from cext.memory.shared_state cimport (
     FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, own, reserve, store_i32, store_i64, store_u64, swap_i32,
 )
 from cext.safety.suspend cimport fence_after_suspend, suspended_since

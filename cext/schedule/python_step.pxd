@@ -1,8 +1,8 @@
 from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t
 
-from cext.safety.event_template cimport EventTemplate
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.event_template cimport EventTemplate
+from cext.memory.shared_state cimport SharedLayout
 
 cdef class PythonStep:
     cdef object callable

@@ -29,7 +29,7 @@ from posix.unistd cimport _exit
 from cext.atomics cimport load_i32_relaxed, load_i64, store_i32
 from cext.fused.locate cimport IN_RUN, begin_samples, end_samples, sample
 from cext.clock.deadline_clock cimport monotonic
-from cext.safety.shared_state cimport RUNNING
+from cext.memory.shared_state cimport RUNNING
 from cext.posix cimport (
     CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIGURG, cpu_set_t, pthread_join, pthread_kill,
     pthread_self, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity,

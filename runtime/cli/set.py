@@ -17,7 +17,7 @@ from runtime.host.live.sending import batches, send, stop
 from runtime.host.options import settings
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from runtime.host.live.table import Parameter, Table
 
 

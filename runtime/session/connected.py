@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cext.safety.newest_row import NewestRow
+from cext.recording.newest_row import NewestRow
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.host.errors import BadInput, RunFault
 from runtime.host.live import table

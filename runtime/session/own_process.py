@@ -37,7 +37,7 @@ from runtime.record.analysis.trial import Trial
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
 
 ROOT = str(Path(__file__).parents[2])
 ROWS, COLUMNS = 24, 120  # of the pseudo terminal

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from blocks.safety import Rearm
-from cext.safety.shared_state import RECORD_EVENT
+from cext.memory.shared_state import RECORD_EVENT
 from runtime.record.report.fault import explain, what
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from cext.schedule.executor import Executor
     from cext.schedule.outcome import Outcome
     from cext.schedule.program import Program

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.outcome import Outcome
 from cext.schedule.program import Program
 from runtime.host.machine.realtime import Realtime

@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from cext.safety.terminal_keys import KeyReader
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, STOP_LIMIT, STOP_UNATTENDED
 from cext.schedule.executor import Executor

@@ -4,7 +4,7 @@ import numpy as np
 
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile

@@ -19,7 +19,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.logic import Not
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, Rearm
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, DiagramError, Output, compile
 from runtime.record.report.failure_coverage import coverage, in_words
 from runtime.session.check import check, report_lines

@@ -11,7 +11,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

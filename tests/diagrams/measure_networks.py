@@ -14,7 +14,7 @@ from blocks.mathematics import Gain
 from blocks.networks import OnnxModel
 from blocks.sources import Constant
 from blocks.wearer import Walker
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from diagrams.networks import export

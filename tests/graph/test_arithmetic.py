@@ -6,7 +6,7 @@ import pytest
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Constant, Ramp
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile, stack

@@ -13,7 +13,7 @@ from blocks.logic import Compare
 from blocks.mathematics import Gain, Sign
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit

@@ -12,7 +12,7 @@ from blocks.logic import Switch
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem

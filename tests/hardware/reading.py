@@ -2,7 +2,7 @@
 
 import struct
 
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import compile

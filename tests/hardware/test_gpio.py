@@ -19,7 +19,7 @@ from blocks.charge_pump import ChargePump
 from blocks.gpio import EStopSwitch, GpioInput, SyncIn, SyncOut
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, StreamDevice, compile

@@ -31,7 +31,7 @@ from blocks.imus import ICM20948, MPU9250
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, NAU7802
 from cext.schedule.executor import Executor
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.program import Program
 from graph import Device, Diagram, compile
 

@@ -106,7 +106,7 @@ def test_the_loop_does_not_miss_a_result(stores, loads, misses):
     assert any(memory["result"] == 0 for _, memory in found) == misses
 
 
-# cext/safety/shared_state.pxd: `reserve` and `commit` of the ring of the recording; cext/ring/keys.pxd, rings.pyx alike
+# cext/memory/shared_state.pxd: `reserve` and `commit` of the ring of the recording; cext/ring/keys.pxd, rings.pyx alike
 
 
 def producer(order):

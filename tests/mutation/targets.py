@@ -100,7 +100,7 @@ TARGETS = (
         STOPS,
     ),
     Target(
-        "cext/safety/shared_state.pyx", ("raise_fence", "look_after", "fenced"), ("cext/safety/shared_state",), STOPS
+        "cext/memory/shared_state.pyx", ("raise_fence", "look_after", "fenced"), ("cext/memory/shared_state",), STOPS
     ),
     Target("cext/schedule/executor.pyx", ("stop",), ("cext/schedule/executor",), STOPS),
     Target(

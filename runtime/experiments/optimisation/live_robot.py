@@ -16,7 +16,7 @@ from runtime.host.live.requests import changes_of
 from runtime.host.live.sending import send
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from runtime.host.live.table import Parameter as LiveParameter
     from runtime.host.live.table import Table
 

@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.safety.thresholds import CONSENT_LIMIT
 from runtime.experiments.optimisation.cart import open_cart
 from runtime.experiments.optimisation.costs import CartCost, Cost, SignalCost, Typed

@@ -13,7 +13,7 @@ import termios
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
 
 STDIN, STDOUT = 0, 1
 # tcgetattr: local flags to clear, and the indices of the local flags and of the control characters

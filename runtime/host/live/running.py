@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 
 MEMORY = "/memfd:tickwork"
 

@@ -12,8 +12,8 @@ from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
+    from cext.memory.shared_state import SharedState
     from cext.rules import LiveRule
-    from cext.safety.shared_state import SharedState
     from runtime.host.live.table import Parameter, Table
 
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change

@@ -12,7 +12,7 @@ from cext.rules import LiveRule, Rule, Side
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from graph.schedule import Schedule
 
 STEPS = 20  # approximate number of key steps from bound to bound

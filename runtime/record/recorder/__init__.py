@@ -47,7 +47,7 @@ from runtime.host.console.stderr import Terminal
 from runtime.record.storage.ascii_units import ascii_name
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
 
 READY_TIMEOUT = 30.0  # s, for a slow disk
 ABANDON_TIMEOUT = 0.03  # s for the recorder to remove its files and end; it does so alone after that
@@ -70,7 +70,7 @@ class RecorderError(Exception):
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
-    shared : cext.safety.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState
     companion : file descriptor of its connection to a companion (see runtime.record.recorder.companion); -1 without one
     lifeline : file descriptor that hangs up once no process reads the ring
     terminal : file descriptor of the terminal of this process, None without one

@@ -12,11 +12,11 @@ import os
 from contextlib import suppress
 from typing import Any
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 
 
 class Checkpoint:
-    """Checkpoints of the writers of one run. shared : cext.safety.shared_state.SharedState"""
+    """Checkpoints of the writers of one run. shared : cext.memory.shared_state.SharedState"""
 
     def __init__(self, shared: SharedState) -> None:
         self.shared, self.saves = shared, 0

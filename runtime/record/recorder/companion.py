@@ -27,12 +27,12 @@ import socket
 import time
 from typing import TYPE_CHECKING, Any
 
-from cext.safety.ring_batch import Batch
+from cext.recording.ring_batch import Batch
 from cext.schedule.mailbox_writer import Writer
 from runtime.host.console.status_layout import part
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from runtime.host.console.keys import Key
     from runtime.record.recorder.part import Recording
 

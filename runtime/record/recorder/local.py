@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cext.safety.ring_reader import take
-from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
+from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT
+from cext.recording.ring_reader import take
 from runtime.host.console.stderr import Terminal
 from runtime.host.live import table
 from runtime.record.recorder.report import ending
@@ -26,8 +26,8 @@ from runtime.record.storage.changes import Changes
 class LocalRecorder:
     """Status line, events and average strides of a run in this process.
 
-    shared : cext.safety.shared_state.SharedState
-    receive : called with each block: rows, sent frames, rows before each frame, as in cext.safety.ring_reader.take
+    shared : cext.memory.shared_state.SharedState
+    receive : called with each block: rows, sent frames, rows before each frame, as in cext.recording.ring_reader.take
     """
 
     lifeline = -1  # no other process reads the ring

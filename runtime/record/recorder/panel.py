@@ -46,7 +46,7 @@ HELP = (
 class Panel:
     """Keys of one run.
 
-    shared : cext.safety.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState
     keyboard : runtime.host.console.keys.Keyboard
     recording : runtime.record.recorder.part.Recording, beside whose files the values are saved
     companion : runtime.record.recorder.companion.Companion, which takes the keys that it uses while the run is armed;

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from cext.safety.ring_batch import Batch
-from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
+from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT
+from cext.recording.ring_batch import Batch
 from runtime.host.console.styles import Console
 from runtime.host.live import table
 from runtime.record.recorder.plugins import LOGS, SERVICES
@@ -36,7 +36,7 @@ class Recording:
     """One part of a recording.
 
     plan : as runtime.record.recorder describes it
-    shared : cext.safety.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState
     part : 1; 2, 3, ... after the death of a writer
     say : function that prints a line on the terminal
     """
@@ -134,7 +134,7 @@ class Recording:
         write_json(self.sidecar, content, durable=not self.plan["virtual"])
 
     def take(self, records: list[Any]) -> None:
-        """Pass records to the services. records : as cext.safety.ring_batch.read returns them"""
+        """Pass records to the services. records : as cext.recording.ring_batch.read returns them"""
         if self.unshown is not None:
             self.show(self.unshown)
         for item in records:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from cext.clock import realtime
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.user_text import name_and_text
 from runtime.host.console.keys import restore, terminal_attributes
 from runtime.host.console.stderr import Terminal

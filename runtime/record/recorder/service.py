@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from runtime.record.storage.format import row_struct
 
 if TYPE_CHECKING:
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
 
 
 class Service:
@@ -32,7 +32,7 @@ class Service:
     plan : dict of the run, as runtime.record.recorder describes it; plan["stem"] is a file name that is free in
         plan["folder"], which is None if no files are written
     sink : dict of the sink: path, parameters, columns, every
-    shared : cext.safety.shared_state.SharedState of the run, set before `open`
+    shared : cext.memory.shared_state.SharedState of the run, set before `open`
     say : function that prints a line on the terminal, set before `open`
     files : {path: remark} of each file that the service has created
     """
@@ -75,7 +75,7 @@ class Service:
     def records(self, batch: Any) -> None:
         """Take rows, frames and bus drains of the ring, in order. Calls the four methods below for each of them.
 
-        batch : cext.safety.ring_batch.Batch
+        batch : cext.recording.ring_batch.Batch
         """
         if not self._takers:
             return
@@ -88,7 +88,7 @@ class Service:
     def _takers(self) -> dict[int, Callable[[bytes], None]]:
         """{kind of a record: function that takes its payload}, of those that the class takes"""
         # not at the top: `convert` writes CSV files without compiled modules
-        from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+        from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
         unpack = row_struct(len(self.plan["signals"])).unpack
 

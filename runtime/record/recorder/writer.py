@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from cext.safety.ring_batch import read
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
+from cext.recording.ring_batch import read
 from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.host.console.keys import Keyboard
 from runtime.host.console.stderr import Terminal

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cext.safety.suspend import time_suspended
 from cext.user_text import last_lines
 from graph import Device
 from graph.signal import Signal
@@ -259,7 +260,7 @@ def unguarded(result: RunResult) -> str:
 
 def suspended(result: RunResult) -> str:
     """Return how long the computer was suspended, and the commands of the drives meanwhile."""
-    seconds = 0.0 if result.shared is None else result.shared.suspended * 1e-9
+    seconds = 0.0 if result.shared is None else time_suspended(result.shared) * 1e-9
     return (
         f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
         "meanwhile, unless they have a time-out, and were stopped when it resumed"

@@ -32,7 +32,7 @@ class RunResult(Protocol):
     profile: tuple[list[dict[str, Any]], list[dict[str, Any]]]
     newest: list[tuple]
     waited: float
-    shared: Any  # cext.safety.shared_state.SharedState; None in virtual time without processes
+    shared: Any  # cext.memory.shared_state.SharedState; None in virtual time without processes
     held: Any  # as returned by runtime.record.report.held_exceptions.held
 
     @property

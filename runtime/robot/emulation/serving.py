@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from cext.bus.timed_bus import SlowBus
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.host.console.stderr import Terminal

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
+    from cext.memory.shared_state import SharedState
     from cext.ring.rings import Lines
-    from cext.safety.shared_state import SharedState
     from graph import DampedStop, ReplyField, StopReply
     from graph.schedule import Schedule
     from runtime.robot.guardian.lock import BusLock
@@ -85,7 +85,7 @@ class GuardianError(Exception):
 class GuardianProcess(ChildProcess):
     """Guardian of one run, spawned at once.
 
-    shared : cext.safety.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState
     lines : cext.ring.rings.Lines, or None where the loop drives every bus itself
     bell : file descriptor of the eventfd that the loop signals, or -1
     locks : runtime.robot.guardian.lock.BusLock of every bus, which the guardian inherits

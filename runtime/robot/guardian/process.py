@@ -29,9 +29,10 @@ import time
 from contextlib import suppress
 
 from cext.clock import realtime
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from cext.ring.rings import Lines
 from cext.safety.owner_death import OwnerDeathWatcher
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.safety.suspend import time_suspended
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY, STOP_ORPHANED, STOP_ROUND_MAXIMUM
 from runtime.host.console.terminal import print_over_status
 from runtime.host.ending import ignore_signals
@@ -175,7 +176,7 @@ class Guardian:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             checked = now
             # reported in the shared state: no grace
-            reported = self.shared.hung is not None or self.shared.suspended > 0
+            reported = self.shared.hung is not None or time_suspended(self.shared) > 0
             if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             if self.successors:
@@ -268,8 +269,8 @@ class Guardian:
         elif self.shared.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
-        elif self.shared.suspended:
-            self.begin_stop("suspended", self.shared.suspended, now)
+        elif time_suspended(self.shared):
+            self.begin_stop("suspended", time_suspended(self.shared), now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from cext.bus.memory_bus import BusEnd
     from cext.lines.stream import Stream
-    from cext.safety.shared_state import SharedState
+    from cext.memory.shared_state import SharedState
     from graph import Diagram
     from graph.schedule import Schedule
     from runtime.robot.guardian.plan_types import PlanBus, PlanRelay, StopReport

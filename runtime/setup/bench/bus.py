@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import can
 
 from cext.bus.socketcan import SocketCan
+from cext.memory.shared_state import SharedState
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import SharedState
 from cext.schedule.bus_cost import time_of_ticks
 from runtime.host.machine.realtime import PRIORITY
 from runtime.robot.guardian import GuardianProcess

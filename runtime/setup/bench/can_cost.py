@@ -13,7 +13,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.bus_cost import time_of_control, time_of_ticks
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program

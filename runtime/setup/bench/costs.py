@@ -14,7 +14,7 @@ from cext.clock.deadline_clock import DeadlineClock
 from cext.clock.histogram import time_of_add
 from cext.clock.signals import Signals
 from cext.clock.stopwatch import time_of_lap
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

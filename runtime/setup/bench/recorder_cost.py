@@ -6,8 +6,8 @@ import tempfile
 import time
 from typing import Any
 
-from cext.safety.ring_batch import read
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW, SharedState
+from cext.recording.ring_batch import read
 from runtime.record.recorder.part import Recording
 from runtime.record.storage.format import Frame, row_struct
 

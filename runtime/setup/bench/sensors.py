@@ -14,7 +14,7 @@ from blocks.families import benchmark
 from blocks.mathematics import Gain
 from blocks.sources import Sine
 from cext.clock.histogram import counts_of, percentile
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.kernel_table import feed
 from cext.schedule.program import Program

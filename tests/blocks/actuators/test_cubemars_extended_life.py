@@ -12,7 +12,7 @@ from blocks.actuators import CubeMarsServo, CubeMarsV3, EmulatedCubeMarsServo, E
 from blocks.models import Limb
 from blocks.safety import Rearm
 from blocks.sources import Sine
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Input, Output, compile

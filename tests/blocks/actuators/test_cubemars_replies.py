@@ -7,7 +7,7 @@ import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, Output
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import FOREIGN, MALFORMED, TAKEN, Wired

@@ -15,7 +15,7 @@ from blocks.actuators import (
 from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
 from blocks.safety import Rearm
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, Input, Output, Param
 from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.test_robstride_mit_faults import Ask, Broken

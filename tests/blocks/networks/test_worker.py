@@ -9,7 +9,7 @@ from blocks.networks import OnnxModel
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.kernels.networks.model import FAILED, IN_USE, STALE
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile, subsystem

@@ -13,7 +13,7 @@ from blocks.wearer import Walker
 from blocks.wearer.body import ANKLE_HEIGHT, BALL, HEEL
 from blocks.wearer.norms import MOTIONS
 from blocks.wearer.stride import FORCE_SINES, sines
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

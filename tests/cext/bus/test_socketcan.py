@@ -22,7 +22,7 @@ from blocks.actuators import CubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
-from cext.safety.shared_state import RECORD_FRAME, SharedState
+from cext.memory.shared_state import RECORD_FRAME, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

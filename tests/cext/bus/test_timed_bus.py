@@ -6,7 +6,7 @@ from blocks.actuators import CubeMars
 from cext.bus.bits import frame_bits
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.timed_bus import SlowBus, TimedBus
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 
 pytestmark = pytest.mark.paced
 
@@ -21,7 +21,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1
 
 ROBOT = """
 import json, os, signal, sys, time
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from blocks.actuators import CubeMars
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, plant_of

@@ -25,7 +25,7 @@ from cext.fused.compile import HEADER, TARGETS
 from cext.fused.sources import hash_of
 from cext.fused.text import text_of
 from cext.kernel import Kernel
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile

@@ -8,11 +8,11 @@ import sys
 
 import pytest
 
+from cext.memory.shared_state import RECORD_EVENT, RECORD_ROW, SharedState
+from cext.recording.newest_row import NewestRow
+from cext.recording.ring_batch import read
+from cext.recording.ring_reader import take
 from cext.ring.rings import Line, Lines
-from cext.safety.newest_row import NewestRow
-from cext.safety.ring_batch import read
-from cext.safety.ring_reader import take
-from cext.safety.shared_state import RECORD_EVENT, RECORD_ROW, SharedState
 
 TEXT = b'{"parameters": []}'
 VALUES = (0, 1, 7, 8, 4095, 4096, 12288, 1 << 31, 1 << 40, (1 << 63) - 8, (1 << 64) - 1, (1 << 64) - 4096)
@@ -180,7 +180,7 @@ while True:
 
 RUN = """
 import subprocess, sys
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Diagram
 from tests.cext.rigs import Rig
 from tests.cext.ring.test_hostile_values import OVERWRITE

@@ -12,7 +12,7 @@ import pytest
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, Input, Output
 from tests.blocks.actuators import reference
 from tests.cext.rigs import STOP, Rig

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from blocks.sources import Constant
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
 from tests.cext.rigs import one_drive
 
@@ -18,7 +18,7 @@ FOR_GOOD = 2
 
 CRASHES = """
 import os, sys
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig
 

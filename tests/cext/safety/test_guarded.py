@@ -8,7 +8,7 @@ import pytest
 
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Input, Output
 from tests.cext.rigs import ends_in_the_safe_stop, one_drive
 

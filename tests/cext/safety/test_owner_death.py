@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
+from cext.memory.shared_state import SharedState
 from cext.safety.owner_death import OwnerDeathWatcher
-from cext.safety.shared_state import SharedState
 
 HOLDER = """
 import sys
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 
 shared = SharedState(fd=int(sys.argv[1]))
 shared.take_hold()

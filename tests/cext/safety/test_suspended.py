@@ -18,7 +18,8 @@ ASLEEP = 3600  # s
 SCRIPT = """
 import ctypes, json, os, sys, time
 from blocks.actuators.mit_frames import DISABLE
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
+from cext.safety.suspend import time_suspended
 from tests.cext.rigs import ends_in_the_safe_stop
 from tests.cext.safety.test_guarded import guarded
 
@@ -33,7 +34,7 @@ if guard == 0.0:
     rig.shared.look_after(0)
 outcome = rig.run(60)
 print(json.dumps([outcome.status, outcome.culprit, outcome.tick, len(rig.commands()), ends_in_the_safe_stop(rig),
-                  rig.shared.suspended * 1e-9, rig.shared.fenced]))
+                  time_suspended(rig.shared) * 1e-9, rig.shared.fenced]))
 """
 
 

@@ -13,7 +13,7 @@ from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Kernel, Output, subsystem
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of

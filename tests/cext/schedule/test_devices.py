@@ -15,8 +15,8 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE
 from blocks.sources import StepSource
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.replay_bus import ReplayBus
+from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Device, Diagram, Kernel, Output, Param, compile

@@ -21,7 +21,7 @@ from blocks.limiters import RMSTorqueLimiter, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
 from cext.kernels import mathematics as kernels
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Kernel, Output
 from tests.cext.rigs import STOP, Rig

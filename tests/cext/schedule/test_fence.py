@@ -8,8 +8,8 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
+from cext.memory.shared_state import SharedState
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile

@@ -8,7 +8,7 @@ import pytest
 
 from blocks.limiters import TorqueLimiter
 from blocks.sources import Constant
-from cext.safety.shared_state import RECORD_EVENT
+from cext.memory.shared_state import RECORD_EVENT
 from graph import Block, Diagram, DiagramError, Input, Output, Param, compile
 from graph.store import content_hash, from_json, to_json
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from tests.cext.rigs import one_drive
 
 pytestmark = pytest.mark.timing

@@ -12,7 +12,7 @@ import pytest
 
 from blocks.controllers import Impedance
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from graph import Block, Diagram, Live, Output, Param
 from tests.blocks.actuators import reference

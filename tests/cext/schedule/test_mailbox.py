@@ -9,7 +9,7 @@ from collections import defaultdict
 import pytest
 
 from blocks.controllers import Impedance
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Diagram
 from tests.cext.rigs import Rig

@@ -15,7 +15,7 @@ import traceback
 import pytest
 
 from blocks.controllers import Impedance
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Diagram, Live
 from tests.cext.rigs import Rig, one_drive

@@ -4,7 +4,7 @@ import pytest
 
 from blocks.actuators import CubeMars
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile
 from tests.blocks.actuators import reference

@@ -12,7 +12,7 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, SharedState
+from cext.memory.shared_state import RECORD_EVENT, RECORD_FRAME, SharedState
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import FRAME, Rig, plant_of
 from tests.cext.schedule.test_watchdog import AT, RATE, Then, robot

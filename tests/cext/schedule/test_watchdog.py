@@ -19,7 +19,7 @@ import pytest
 from blocks.actuators import CubeMars
 from blocks.actuators.mit_frames import DISABLE, NOTHING
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, Input, Output
 from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
 from tests.cext.rigs import Rig, plant_of

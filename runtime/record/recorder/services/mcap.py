@@ -18,7 +18,7 @@ import json
 import os
 from typing import Any
 
-from cext.safety.mcap_encoder import Encoder
+from cext.recording.mcap_encoder import Encoder
 from runtime.host.console.styles import count
 from runtime.record.recorder.service import Service
 from runtime.record.storage import messages

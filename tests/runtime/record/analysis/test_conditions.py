@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT
+from cext.memory.shared_state import RECORD_EVENT
 from runtime.host.errors import OK, BadInput
 from runtime.record.analysis import condition_table
 from runtime.record.analysis.conditions import GAIT_PHASE, Condition, conditions

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT
+from cext.memory.shared_state import RECORD_EVENT
 from runtime.host.errors import CHECK_FAILED, FAULT, OK, BadInput
 from runtime.record.analysis import plots
 from runtime.record.analysis.legs import legs

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT
+from cext.memory.shared_state import RECORD_EVENT
 from runtime.host.errors import BadInput
 from runtime.record.analysis import plots
 from runtime.record.analysis.resample import interpolate

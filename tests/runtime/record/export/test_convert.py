@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import runtime
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.record.export import FORMATS, convert
 from tests.checkout import assert_one_line, copy_packages, python

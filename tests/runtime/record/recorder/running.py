@@ -7,7 +7,7 @@ from blocks.actuators import CubeMars
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile, subsystem

@@ -5,7 +5,7 @@ import time
 import pytest
 from can.io.canutils import CanutilsLogReader
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from tests.runtime.record.recorder.running import frame, leg, plan, record, run
 
 pytestmark = pytest.mark.paced

@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 
-from cext.safety.ring_batch import Batch
-from cext.safety.shared_state import RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_ROW, SharedState
+from cext.recording.ring_batch import Batch
 from cext.schedule.mailbox_writer import Writer
 from runtime.record.recorder.companion import Companion
 from runtime.record.storage.format import row_struct

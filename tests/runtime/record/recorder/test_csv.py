@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from blocks._plumbing.csv_columns import read_table
 from blocks.recorders import CsvRecorder
-from cext.safety.ring_batch import Batch
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
+from cext.recording.ring_batch import Batch
 from graph import Diagram
 from graph.units import canonical
 from runtime.host.errors import BadInput

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from runtime.record.recorder import disk_sync
 from runtime.record.recorder.disk_sync import DiskSync
 from runtime.record.recorder.part import Recording

@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader
 import runtime
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
+from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from graph import Block, Diagram, Input, Output, subsystem
 from runtime.record.storage.mcap_file import CHUNK, HEAD, INDEX, MESSAGE, reserved
 from tests.runtime.record.recorder.running import (

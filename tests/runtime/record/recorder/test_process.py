@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from runtime.record.recorder import RecorderError, RecorderProcess
 from tests.runtime.record.recorder.processes import all_ended, ends_by_itself, writers
 from tests.runtime.record.recorder.running import (
@@ -117,7 +117,7 @@ def test_report_describes_how_the_run_ended(tmp_path):
 
 CONTROL = """
 import os, sys
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from tests.runtime.record.recorder.running import counting, run
 shared = SharedState(fd=int(sys.argv[1]))
 announce = lambda recorder: print(recorder.pid, flush=True)
@@ -422,7 +422,7 @@ def test_an_abandoned_recording_leaves_no_files(tmp_path, configured):
 
 def test_a_control_process_that_dies_before_the_run_leaves_no_files(tmp_path):
     script = (
-        "import os, sys\nfrom cext.safety.shared_state import SharedState\n"
+        "import os, sys\nfrom cext.memory.shared_state import SharedState\n"
         "from runtime.record.recorder import RecorderProcess\n"
         "from tests.runtime.record.recorder.running import CSV, columns, plan, sink\n"
         "recorder = RecorderProcess(SharedState(4096))\n"

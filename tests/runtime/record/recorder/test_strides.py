@@ -7,8 +7,8 @@ import signal
 import pytest
 
 from blocks.recorders import StrideReport
-from cext.safety.ring_batch import Batch
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
+from cext.recording.ring_batch import Batch
 from runtime.record.analysis.average_stride import CURVES, resample
 from runtime.record.recorder import RecorderProcess
 from runtime.record.recorder.services.strides import StrideAverage

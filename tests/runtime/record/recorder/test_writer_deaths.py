@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from blocks.recorders import CsvRecorder
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from graph import Block, Diagram, Output
 from runtime.record.analysis.trial import Trial
 from runtime.record.recorder import RecorderProcess

@@ -14,8 +14,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 import runtime
-from cext.safety.ring_batch import read as read_ring
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
+from cext.recording.ring_batch import read as read_ring
 from runtime.host.console.progress import Progress
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.record.analysis.picture import broken

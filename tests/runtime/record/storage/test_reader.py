@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from runtime.host.errors import BadInput
 from runtime.record.storage import reader
 from tests.runtime.record.recorder.running import CSV, columns, frame, plan, record, row, sink

@@ -22,8 +22,8 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 import runtime
-from cext.safety.ring_batch import read as read_ring
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
+from cext.recording.ring_batch import read as read_ring
 from runtime.host.errors import BadInput
 from runtime.record.recorder.part import Recording
 from runtime.record.storage import mcap_file

@@ -10,7 +10,7 @@ import pytest
 
 from blocks.actuators import EmulatedCubeMars
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from graph import Diagram, compile
 from runtime.host.errors import OK
 from runtime.robot.emulation.buses import PlantBuses

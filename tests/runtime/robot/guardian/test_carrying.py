@@ -15,8 +15,8 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
+from cext.memory.shared_state import SharedState
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import SharedState
 from cext.safety.thresholds import HANG_REPORT_DELAY
 from graph import Block, Diagram, Input, Output, compile
 from runtime.robot.guardian import plan
@@ -262,7 +262,7 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
     assert [wire.sent for wire in guardian.wires.values()] == [[b"damp"] if moving else STOP] * 2
 
 
-HUNG, CRASHED, ASLEEP = 32, 36, 48  # bytes, of cext.safety.shared_state.SharedLayout
+HUNG, CRASHED, ASLEEP = 32, 36, 48  # bytes, of cext.memory.shared_state.SharedLayout
 
 
 def write(shared, offset, number):

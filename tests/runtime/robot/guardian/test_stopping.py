@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 from runtime.host.live.running import MEMORY
 from runtime.record.analysis.trial import Trial
 from tests.blocks.actuators import reference

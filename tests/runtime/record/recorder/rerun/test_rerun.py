@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
 from runtime.host.errors import OK, BadInput
 from runtime.host.live.running import shared_state_of
 from runtime.record.recorder import RecorderError, RecorderProcess

@@ -11,7 +11,7 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy
 
 from cext.atomics cimport fence_acquire, load_u64
-from cext.safety.shared_state cimport ROW, Header, SharedLayout, SharedState, read_header, record_at
+from cext.memory.shared_state cimport ROW, Header, SharedLayout, SharedState, read_header, record_at
 
 cdef enum:
     ATTEMPTS = 8                # a recorder that keeps up frees records twice a second

@@ -3,9 +3,9 @@
 import random
 from struct import Struct
 
-from cext.safety.mcap_encoder import Encoder
-from cext.safety.ring_batch import Batch
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from cext.recording.mcap_encoder import Encoder
+from cext.recording.ring_batch import Batch
 from runtime.record.storage import messages
 from runtime.record.storage.chunks import walked
 from runtime.record.storage.columns import Layout

@@ -13,8 +13,7 @@ from cext.clock.deadline_clock cimport suspended_time
 from cext.fused.locate cimport IN_RUN
 from cext.ring.mailbox cimport BY_KEYS, BY_SET
 from cext.ring.operator cimport origin_of_stop, process_of_stop
-from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
-from cext.safety.suspend cimport suspended_since
+from cext.memory.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
 from cext.ring.sealed_memory import sealed_memory
 
@@ -227,11 +226,6 @@ cdef class SharedState:
     def beat(self) -> int:
         """ns of CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
         return load_i64(&self.layout.beat)
-
-    @property
-    def suspended(self) -> int:
-        """ns for which the computer was suspended since the run began, 0 without a suspend."""
-        return suspended_since(self.layout)
 
     def close(self) -> None:
         """Announce that no further records follow."""

@@ -7,7 +7,7 @@ from libc.stdint cimport uint32_t
 from libc.stdio cimport snprintf
 from libc.string cimport memcpy, memset
 
-from cext.safety.shared_state cimport EVENT, commit, reserve
+from cext.memory.shared_state cimport EVENT, commit, reserve
 
 cdef enum:
     TICK_DIGITS = 20                # with the sign

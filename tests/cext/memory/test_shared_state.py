@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cext.clock.histogram import percentiles
-from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
+from cext.memory.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 
 
 def payload(number, words):
@@ -82,7 +82,7 @@ def test_accepted_records_are_drained_once_and_in_order(actions, most):
 
 READER = """
 import sys
-from cext.safety.shared_state import SharedState
+from cext.memory.shared_state import SharedState
 shared = SharedState(fd=int(sys.argv[1]))
 expected = count = 0
 while True:

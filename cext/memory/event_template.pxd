@@ -1,6 +1,6 @@
 from libc.stdint cimport int64_t
 
-from cext.safety.shared_state cimport SharedLayout
+from cext.memory.shared_state cimport SharedLayout
 
 cdef class EventTemplate:
     cdef bytes text                      # JSON up to the number of the tick

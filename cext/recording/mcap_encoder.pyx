@@ -13,8 +13,8 @@ from libc.string cimport memcpy, memset
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 
 from cext.abi cimport ERROR_FRAME, EXTENDED, FRAME_BYTES, ID_MASK, REMOTE, Frame
-from cext.safety.ring_batch cimport Batch
-from cext.safety.shared_state cimport FRAME, RECEIVED, ROW, Header
+from cext.recording.ring_batch cimport Batch
+from cext.memory.shared_state cimport FRAME, RECEIVED, ROW, Header
 
 cdef enum:
     MESSAGE = 5                     # type of a message record

@@ -8,7 +8,7 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport load_u64, store_u64
-from cext.safety.shared_state cimport (
+from cext.memory.shared_state cimport (
     FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, damaged, read_header, record_at,
 )
 

@@ -10,7 +10,7 @@ from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from cext.abi cimport Frame
 from cext.atomics cimport load_u64
 from cext.bus.bits cimport bits_of
-from cext.safety.shared_state cimport (
+from cext.memory.shared_state cimport (
     FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, damaged, read_header, record_at,
 )
 

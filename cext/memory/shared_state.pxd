@@ -13,7 +13,7 @@ from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 from cext.abi cimport Frame
 from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64, swap_i32
 from cext.clock.histogram cimport Histogram
-from cext.safety.robust_mutex cimport pthread_mutex_t
+from cext.memory.robust_mutex cimport pthread_mutex_t
 from cext.ring.keys cimport KeyRing
 from cext.ring.mailbox cimport Mailbox
 from cext.ring.operator cimport Operator

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cext.safety.ring_reader import take
-from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.memory.shared_state import RECORD_EVENT, SharedState
+from cext.recording.ring_reader import take
 from runtime.record.storage.format import FRAME
 
 ROW, FRAMES, RECEIVED = 1, 2, 4
