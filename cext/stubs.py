@@ -1,7 +1,8 @@
 """Type stubs of the native modules, generated from their sources: `python -m cext.stubs`.
 
 A stub (`.pyi`) has the functions, classes and constants that Python code can reach: `def` and `cpdef` functions with
-the Python types of their C arguments, `readonly` and `public` attributes. Modules of kernels have none.
+the Python types of their C arguments, `readonly` and `public` attributes. Kernels have no types: the stub of a package
+of kernels accepts any name.
 """
 
 import importlib
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 HEADER = "# Generated from the source by `python -m cext.stubs`. Do not edit.\n"
+UNTYPED = HEADER + "from typing import Any\n\ndef __getattr__(name: str) -> Any: ...\n"
 FOLDERS = ("bus", "clock", "lines", "memory", "recording", "ring", "safety", "schedule")
 C_TYPES = {"bint": "bool", "double": "float", "float": "float", "object": "Any", "void": "None"}
 PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "tuple[Any, ...]"}
@@ -26,6 +28,11 @@ def sources() -> list[Path]:
     """Return the sources of the native modules that have a stub."""
     folder = Path(__file__).parent
     return sorted(path for each in FOLDERS for path in (folder / each).glob("*.pyx"))
+
+
+def packages_of_kernels() -> list[Path]:
+    """Return the `__init__.py` of the packages of kernels."""
+    return sorted((Path(__file__).parent / "kernels").rglob("__init__.py"))
 
 
 def module_name(source: Path) -> str:
@@ -150,3 +157,5 @@ if __name__ == "__main__":
     for path in sources():
         if text := stub(path):
             path.with_suffix(".pyi").write_text(text)
+    for path in packages_of_kernels():
+        path.with_suffix(".pyi").write_text(UNTYPED)

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import importlib
 import struct
-import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 from pathlib import Path
-
-import msgspec
 
 from cext.fused import compile as clang
 from cext.fused import library, text
@@ -72,13 +69,13 @@ def tables(items: tuple[Item, ...]) -> Iterator[tuple[dict[int, str], int, dict[
 
 
 def main() -> None:
-    """Write the files of the targets on the command line, by default of all."""
-    for target in sys.argv[1:] or clang.TARGETS:
-        write(target)
+    """Compile the stencils for all targets, and write the file."""
+    library.write(library.FILE, [library_for(target) for target in clang.TARGETS])
+    print(f"{library.FILE.name}: {library.FILE.stat().st_size} bytes")
 
 
-def write(target: str) -> None:
-    """Compile the stencils for a target, and write its file."""
+def library_for(target: str) -> library.Library:
+    """Compile the stencils for a target."""
     unfused = {key: UNFUSED[name] for path, key, _ in kernels() if (name := module_of(path)) in UNFUSED}
     jobs = [
         (path, key, *table) for path, key, kernel in kernels() if key not in unfused for table in tables(kernel.items)
@@ -91,11 +88,8 @@ def write(target: str) -> None:
         name: packed({}, 0, clang.compiled(clang.HEADER + clang.DECLARATIONS + source, target))
         for name, source in (("end", clang.END), ("call", clang.CALLED))
     }
-    packs = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items())}
-    content = library.Library(target, packs, unfused, parts)
-    path = library.FOLDER / f"{target}.stencils"
-    library.write(path, content)
-    print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels, {path.stat().st_size} bytes")
+    print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels")
+    return library.Library(target, {key: library.pack(each) for key, each in sorted(found.items())}, unfused, parts)
 
 
 def constant_sizes(read: list[int], names: dict[int, str], count: int) -> Iterator[dict[int, int]]:

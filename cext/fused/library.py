@@ -1,4 +1,7 @@
-"""Library of stencils: a file of the wheel for each kind of processor, read by the first program of a process."""
+"""Libraries of stencils: a file of the wheel, read by the first program of a process.
+
+Stencils are compressed for each kernel, and unpacked when a program first uses it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ import msgspec
 
 from cext.fused.join import TARGET, VERSION, Code, context_of
 
-FOLDER = Path(__file__).parent
+FILE = Path(__file__).parent / "library.stencils"
 HEAD = struct.Struct("<II")  # of a file: version of the stencils, and checksum of the content that follows
 CONTEXT = re.compile(r"(\w+) .*?(__pyx_f_\w+)\W*$")
 
@@ -40,13 +43,13 @@ class Stencil(msgspec.Struct, array_like=True, frozen=True):
 class Library(msgspec.Struct, frozen=True):
     """Stencils of a kind of processor.
 
-    kernels : {key: stencils of the kernel, those with most constants first}
+    kernels : {key: stencils of the kernel, those with most constants first, as `pack` returns them}
     unfused : {key: reason why the kernel has none}
     parts : stencils `call` for a kernel without any, and `end` of a run
     """
 
     target: str
-    kernels: dict[str, msgspec.Raw]
+    kernels: dict[str, bytes]
     unfused: dict[str, str]
     parts: dict[str, Stencil]
 
@@ -63,13 +66,12 @@ def key_of(kernel: Any) -> str:
 @cache
 def opened() -> tuple[Library | None, str]:
     """Return the library for this processor, or the reason why this process does not fuse programs."""
-    path = FOLDER / f"{TARGET}.stencils"
     if os.environ.get("TICKWORK_FUSED") == "0":
         return None, "TICKWORK_FUSED=0 in the environment"
-    if not path.is_file():
-        return None, f"no machine code for the processor {platform.machine()}"
     try:
-        found = read(path)
+        found = read(FILE).get(TARGET)
+        if found is None:
+            return None, f"no machine code for the processor {platform.machine()}"
         Code((), found.parts["end"], found.target)
     except (OSError, ValueError) as error:
         return None, str(error)
@@ -81,20 +83,23 @@ def library() -> Library | None:
     return opened()[0]
 
 
-def read(path: Path) -> Library:
-    """Return the library in a file. Raises OSError, or ValueError for a file that is damaged or of another version."""
+def read(path: Path) -> dict[str, Library]:
+    """Return the libraries in a file by their target.
+
+    Raises OSError, or ValueError for a file that is damaged or of another version.
+    """
     found = path.read_bytes()
     head, content = found[: HEAD.size], memoryview(found)[HEAD.size :]
     if len(head) < HEAD.size or HEAD.unpack(head)[1] != zlib.crc32(content):
         raise ValueError(f"the file {path.name} is damaged: its checksum is wrong")
     if HEAD.unpack(head)[0] != VERSION:
         raise ValueError(f"the file {path.name} is of another version of the native code")
-    return msgspec.msgpack.decode(content, type=Library)
+    return {each.target: each for each in msgspec.msgpack.decode(content, type=list[Library])}
 
 
-def write(path: Path, library: Library) -> None:
-    """Write a library to a file."""
-    content = msgspec.msgpack.encode(library)
+def write(path: Path, libraries: list[Library]) -> None:
+    """Write libraries to a file."""
+    content = msgspec.msgpack.encode(libraries)
     path.write_bytes(HEAD.pack(VERSION, zlib.crc32(content)) + content)
 
 
@@ -104,12 +109,17 @@ def variants(key: str) -> tuple[Stencil, ...]:
     found = library()
     if found is None or key not in found.kernels:
         return ()
-    return unpacked(found.kernels[key])
+    return unpack(found.kernels[key])
 
 
-def unpacked(stencils: msgspec.Raw) -> tuple[Stencil, ...]:
+def pack(stencils: list[Stencil]) -> bytes:
+    """Return the stencils of a kernel as a library has them."""
+    return zlib.compress(msgspec.msgpack.encode(stencils), 9)
+
+
+def unpack(stencils: bytes) -> tuple[Stencil, ...]:
     """Return the stencils of a kernel in a library."""
-    return msgspec.msgpack.decode(stencils, type=tuple[Stencil, ...])
+    return msgspec.msgpack.decode(zlib.decompress(stencils), type=tuple[Stencil, ...])
 
 
 def stencil_of(kernel: Any, sizes: tuple[int, ...]) -> Stencil | None:

@@ -4,6 +4,6 @@
 from cext.memory.shared_state cimport SharedState
 
 
-def time_suspended(SharedState page) -> int:
+def time_suspended(SharedState shared) -> int:
     """Return the ns for which the computer was suspended since the run began, 0 without a suspend."""
-    return suspended_since(page.layout)
+    return suspended_since(shared.layout)

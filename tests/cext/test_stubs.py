@@ -7,7 +7,7 @@ import inspect
 
 import pytest
 
-from cext.stubs import module_name, sources, stub
+from cext.stubs import UNTYPED, module_name, packages_of_kernels, sources, stub
 
 SOURCES = {module_name(path): path for path in sources()}
 
@@ -35,6 +35,10 @@ def test_stub_of_native_module_is_fresh(name):
     path = SOURCES[name].with_suffix(".pyi")
     text = path.read_text() if path.exists() else ""
     assert text == expected(name), "run `make build`"
+
+
+def test_packages_of_kernels_accept_any_name():
+    assert {path.with_suffix(".pyi").read_text() for path in packages_of_kernels()} == {UNTYPED}, "run `make build`"
 
 
 @pytest.mark.parametrize("name", SOURCES)

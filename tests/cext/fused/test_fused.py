@@ -254,7 +254,7 @@ def cut(content):
 
 
 def flipped(content):
-    return content[:200_000] + bytes([content[200_000] ^ 4]) + content[200_001:]
+    return content[:100_000] + bytes([content[100_000] ^ 4]) + content[100_001:]
 
 
 def of_another_version(content):
@@ -263,12 +263,12 @@ def of_another_version(content):
 
 @pytest.mark.parametrize("change", [cut, flipped, of_another_version, lambda content: b""])
 def test_a_damaged_or_foreign_file_of_stencils_is_not_used(fused, monkeypatch, tmp_path, change):
-    name = f"{library.TARGET}.stencils"
-    (tmp_path / name).write_bytes(change((library.FOLDER / name).read_bytes()))
-    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    damaged = tmp_path / library.FILE.name
+    damaged.write_bytes(change(library.FILE.read_bytes()))
+    monkeypatch.setattr(library, "FILE", damaged)
     reason = "is of another version" if change is of_another_version else "is damaged"
     found = library.opened.__wrapped__()
-    assert found[0] is None and f"{name} {reason}" in found[1]
+    assert found[0] is None and f"{damaged.name} {reason}" in found[1]
 
 
 def test_programs_run_without_executable_memory():
@@ -314,7 +314,7 @@ def test_the_hash_of_sources_changes_with_code_and_directives_and_not_with_comme
 def test_every_kernel_has_stencils_of_the_present_sources(target):
     stale = sorted({path.name for path, key, _ in kernels() if key.split()[0] != hash_of(path)})
     assert stale == [], "built from other sources: run make build"
-    found = library.read(library.FOLDER / f"{target}.stencils")
+    found = library.read(library.FILE)[target]
     assert set(found.kernels) | set(found.unfused) == {key for _, key, _ in kernels()}, "run make stencils"
     assert {key for path, key, _ in kernels() if module_of(path) in UNFUSED} == set(found.unfused)
 
@@ -323,11 +323,11 @@ def test_every_kernel_has_stencils_of_the_present_sources(target):
 @pytest.mark.skipif(shutil.which("clang-19") is None, reason="no clang-19")
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_stencils_are_those_that_clang_makes(target, monkeypatch):
-    found = library.read(library.FOLDER / f"{target}.stencils")
+    found = library.read(library.FILE)[target]
     for path, key, kernel in kernels():
         if key not in found.unfused:
             made = [one for table in tables(kernel.items) for one in stencils(target, path, key, *table)]
-            assert library.unpacked(found.kernels[key]) == tuple(made), key
+            assert library.unpack(found.kernels[key]) == tuple(made), key
 
 
 @pytest.mark.soak
