@@ -60,7 +60,7 @@ def benchmark(medium: str) -> Benchmark:
 def find_model(name: str, option: str = "") -> tuple[Drive, Any]:
     """Return (Drive, model) of a model's name. Raises ValueError, with the cause or a suggestion.
 
-    option : of the Drive; without it, the name may end in an option, as in "MODEL-servo"
+    option : option of the Drive; if empty, the name may end in an option, as in "MODEL-servo"
     """
     drives = [drive for family in families() for drive in family.drives]
     options = {word for drive in drives for word in (drive.option, *drive.endings) if word}

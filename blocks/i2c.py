@@ -20,7 +20,7 @@ class Write:
 
     register : first register
     wait : s without access to the device afterwards
-    address : of another chip inside the device, or None
+    address : address of another chip inside the device, or None
     """
 
     register: int
@@ -41,9 +41,9 @@ class Read:
 class Transfer:
     """Combined transfer. Its reply is a frame: all bytes read, followed by `appended`.
 
-    number : below 15, part of the frame's identifier
+    number : number below 15, part of the frame's identifier
     steps : sequence of Read and Write
-    address : of another chip inside the device, or None
+    address : address of another chip inside the device, or None
     """
 
     number: int

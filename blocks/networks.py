@@ -185,7 +185,7 @@ class OnnxModel(Block):
         raise ValueError(f"file: there is no {self.file} in {folder or '.'} or in the working folder")
 
     def place(self, loaded: Any, samples: int) -> None:
-        """Set the ports and the memory of a loaded Model. samples : of the window"""
+        """Set the ports and the memory of a loaded Model. samples : number of samples in the window"""
         declared: Description = self.description
         self.inputs = {
             each.name: Input(each.unit, each.description or "channel of the network").named(each.name)

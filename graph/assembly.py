@@ -48,7 +48,7 @@ def assemble(compilation: Compilation) -> Schedule:
 
 
 class Assembly:
-    """Arena layout and steps of one compile. compilation : without errors"""
+    """Arena layout and steps of one compile. compilation : a Compilation without errors"""
 
     def __init__(self, compilation: Compilation) -> None:
         self.compilation = compilation
@@ -102,7 +102,7 @@ class Assembly:
         )
 
     def size(self, block: Block, name: str) -> int:
-        """Return the number of slots of a port. name : of the port"""
+        """Return the number of slots of a port. name : name of the port"""
         return size_of(self.compilation.shapes[block, name])
 
     def input_slot(self, block: Block, name: str) -> int:
@@ -126,8 +126,8 @@ class Assembly:
         """Return the step that calls a Python method of a block.
 
         method : bound method
-        names : of its arguments
-        outputs : that it returns, in order
+        names : names of the method's arguments
+        outputs : outputs that the method returns, in order
         """
         # CPython 3.11 and 3.12 read attributes slowly from a dict that shares its keys with those of other instances,
         # once vars() has made it: a step would take half as long again.
@@ -284,7 +284,7 @@ class Assembly:
         return parameters
 
     def live_rules(self, live: Sequence[LiveParameter]) -> list[LiveRule]:
-        """Return a LiveRule for each rule between live parameters. live : in the order of their indices"""
+        """Return a LiveRule for each rule between live parameters. live : parameters in the order of their indices"""
         rules = []
         for block, own in self.live_indices(live):
             for rule in block.applying_rules():
@@ -312,7 +312,7 @@ class Assembly:
         return bounds
 
     def live_indices(self, live: Sequence[LiveParameter]) -> Iterator[tuple[Block, dict[str, int]]]:
-        """Yield each block with live parameters, and their indices by name. live : in the order of their indices"""
+        """Yield each block with live parameters, and their indices by name. live : parameters in their order"""
         index = {parameter.path: place for place, parameter in enumerate(live)}
         for block in self.blocks:
             own = {name: index[path] for name in block.parameters if (path := f"{block.path}.{name}") in index}

@@ -231,7 +231,7 @@ class Block:
         return self.output_range(**inputs)
 
     def fault_text(self, status: int) -> str:
-        """Return what a status of the block's own kernel reports, or "". status : from cext.abi.FIRST_OWN_STATUS on"""
+        """Return what a status of the block's own kernel reports, or "". status : at least cext.abi.FIRST_OWN_STATUS"""
         return ""
 
     def run_summary(self) -> str:
@@ -246,7 +246,7 @@ class Block:
         return {}
 
     def files_of(self, name: str) -> list[Path]:
-        """Return the files of a parameter with a path, whose content is part of the diagram. name : of the parameter"""
+        """Return the files whose content is part of the diagram, for a parameter with a path. name : its name"""
         return [Path(getattr(self, name))]
 
     # Using a block

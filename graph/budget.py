@@ -38,7 +38,7 @@ class BusLoad:
 
 @dataclass(frozen=True)
 class LineLoad:
-    """Least load of a device's serial line. speed : bit/s; messages, bytes : per second"""
+    """Least load of a device's serial line. speed : bit/s; messages, bytes : messages and bytes per second"""
 
     device: object
     speed: float

@@ -18,7 +18,7 @@ ACCEPT = "on a rig, arming requires --accept {}"
 class Caveat:
     """A reason why the torque of an actuator may exceed its limit. On a rig, the operator must accept it.
 
-    path : of the actuator; setting : parameter that causes it; words : the reason
+    path : path of the actuator; setting : parameter that causes it; words : reason, as text
     deviates : whether it is a setting that differs from the table of the model, and not a mode
     factor : torque at the joint over the commanded torque if the table of the model is correct; None if unknown
     """

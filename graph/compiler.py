@@ -119,7 +119,7 @@ def prove(compilation: Compilation) -> None:
 
 
 def prove_command(compilation: Compilation, block: Actuator, name: str, limit: Interval) -> None:
-    """Prove that a command of an actuator stays within its limit, or report it. name : of the input"""
+    """Prove that a command of an actuator stays within its limit, or report it. name : name of the input"""
     source = compilation.sources[block, name]
     interval = interval_of(source, compilation.ranges)
     bounded_by = source.block.path if isinstance(source, Signal) else "a constant"

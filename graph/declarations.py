@@ -51,7 +51,7 @@ class Declaration:
 def unit_of(unit: str, description: str, kind: str) -> str:
     """Return the canonical spelling of a unit.
 
-    description, kind : of its port, for the message of a unit in the second place
+    description, kind : description and kind of the port, for the message about a unit in the second place
 
     Raises ValueError.
     """

@@ -241,7 +241,7 @@ class Deviation:
     The proof of the torque limit takes the setting for granted; `effect` and `factor` state what holds if the table is
     correct instead.
 
-    parameter : its name; value, table : that of the actuator and that of the table, numbers in `unit` or texts
+    parameter : its name; value, table : values of the actuator and of the table, numbers in `unit` or texts
     source : text that names the table
     effect : text
     factor : torque at the joint over the commanded torque; None if the setting does not scale the torque
@@ -266,7 +266,7 @@ class Winding:
     limit : torque limit at the joint, N·m; None if its command does not bound the torque
     current : highest current, A; None if unknown
     rated : rated torque at the joint, N·m; None if not published
-    rated_current, peak_current : of the motor, A; None if not published
+    rated_current, peak_current : currents of the motor, A; None if not published
     supply : (lowest, highest) permitted voltage, V; () if not published
     supply_note : reason why that range is assumed, "" if it is published
     """
@@ -347,7 +347,7 @@ class Device(Block):
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
         """Describe the frames with its id that `decode` rejected.
 
-        lengths : {number of data bytes: number of frames}; first_byte : of the newest of these frames
+        lengths : {number of data bytes: number of frames}; first_byte : first data byte of the newest of these frames
         """
         return "; ".join(
             f"{frames} malformed frame{'s' * (frames != 1)} of {length} bytes" for length, frames in lengths.items()

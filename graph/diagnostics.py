@@ -61,7 +61,7 @@ class Diagnostic:
 
     code : key of CODES
     message : the problem, with the expected and the actual value
-    path : of the block, "left/knee"
+    path : path of the block, such as "left/knee"
     port : name of the port, or ""
     where : Location in the user's files, or None
     hint : the remedy

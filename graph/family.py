@@ -19,7 +19,7 @@ ENTRY_POINTS = "tickwork.families"
 class Answer:
     """State of one drive, from one reply while it has no torque. None and "" mark values that it does not report.
 
-    family : name of the protocol; can_id : of the drive; block : class name of its block
+    family : name of the protocol; can_id : CAN id of the drive; block : class name of its block
     position : rad; velocity : rad/s; torque : N·m; current : A; temperature : °C; voltage : V
     fault : text of the fault, "" for no fault; enabled : whether the drive is enabled
     unique : identifier that no other drive has; firmware : version
@@ -158,7 +158,7 @@ class Chip:
 class Benchmark:
     """A typical device of a family, for measurements by `bench` and `rate`.
 
-    block, emulator : classes; parameters : of both, as {"model": ...}
+    block, emulator : classes; parameters : parameters of both classes, such as {"model": ...}
     stream : (samples, rate in Hz) -> bytes that the device sends on a serial line; parse : decodes them in Python
     """
 
@@ -202,8 +202,8 @@ class Request:
 class Family:
     """Base class of a device family. An entry point names an instance of a subclass.
 
-    name : in messages; drives : of Drive; tables : of Table; table_note : text below the tables
-    queries : of Query, in the order of `scan`; nodes : of Node; chips : of Chip
+    name : name in messages; drives : Drives; tables : Tables; table_note : text below the tables
+    queries : Queries, in the order of `scan`; nodes : Nodes; chips : Chips
     sensors : block classes on a line of kind "dialogue"
     bus_hint : further check to suggest if a CAN bus is silent
     vendor_program : settings that need the vendor's program, "" for none; configure_note : text in `configure --help`

@@ -33,7 +33,7 @@ def for_source(source: Any, variadic: bool) -> str:
 
 
 def for_parameter(block: Any, name: str) -> str:
-    """Return the remedy for an argument of a block's class that is not a parameter. name : of the argument"""
+    """Return the remedy for an argument of a block's class that is not a parameter. name : name of the argument"""
     if name in block.inputs:
         return in_second_parentheses(block, f"{name}=...")
     if hasattr(type(block), name) and not hasattr(object, name):
@@ -42,7 +42,7 @@ def for_parameter(block: Any, name: str) -> str:
 
 
 def for_argument(kind: Any, name: str) -> str:
-    """Return "; " and the remedy for an argument of `step` that is not an input, or ""; name : of the argument"""
+    """Return "; " and the remedy for an argument of `step` that is not an input, or ""; name : name of the argument"""
     if name in kind.parameters:
         return f"; it is a parameter: read self.{name}"
     if name in kind.outputs:
@@ -55,7 +55,7 @@ def for_argument(kind: Any, name: str) -> str:
 
 
 def in_second_parentheses(block: Any, inputs: str = "signal") -> str:
-    """Return the remedy for a signal that was passed to a block's class. inputs : as text"""
+    """Return the remedy for a signal that was passed to a block's class. inputs : names of the inputs, as text"""
     parameters = "..." if block.parameters else ""
     return (
         f"pass parameters to the class and signals to the block, as in {type(block).__name__}({parameters})({inputs})"
@@ -63,7 +63,7 @@ def in_second_parentheses(block: Any, inputs: str = "signal") -> str:
 
 
 def for_input(block: Any, name: str | None) -> str:
-    """Return the remedy for an unknown input. name : of the input"""
+    """Return the remedy for an unknown input. name : name of the input"""
     if name in block.parameters:
         return f"{name} is a parameter: pass it to the class, as in {type(block).__name__}({name}=...)"
     if f"{name}_command" in block.inputs:
@@ -127,7 +127,7 @@ def for_output(source: Any, unit: str, known: dict[Any, str]) -> str:
 
 
 def for_degrees(number: float, unit: str, limits: Any) -> str:
-    """Return the remedy for an angle or a velocity that is within its limits in degrees, or ""; number : in rad"""
+    """Return the remedy for an angle or velocity that is within its limits in degrees, or "". number : value in rad"""
     if unit not in ("rad", "rad/s") or abs(number) <= math.pi or math.radians(number) not in limits:
         return ""
     shown = f"{math.degrees(number):.0f}°{unit.removeprefix('rad')}"
@@ -146,7 +146,7 @@ def for_limit(block: Any, source: Any, name: str, unit: str, limit: Any, interva
 
     block : the actuator
     source : signal or constant that commands it
-    name, unit : of the command
+    name, unit : name and unit of the command
     limit, interval : Interval of the limit and of the command
     """
     if not isinstance(source, Signal):

@@ -168,7 +168,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.parse(f"{self.unless(f'{value} - {value} == 0.0', name)}\n{name} = {converted}").body
 
     def unless(self, condition: str, name: str) -> str:
-        """Return the statement that ends the run with the status of a port. condition : that must hold"""
+        """Return the statement that ends the run with the status of a port. condition : condition that must hold"""
         return f"if not ({condition}): return {NO_VALUE + 1 + self.slots[name]}"
 
     def checks(self, name: str, result: str) -> list[stmt]:

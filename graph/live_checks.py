@@ -58,7 +58,7 @@ def check_ramps(block: Block, names: list[str]) -> None:
 def rejected(block: Block, names: list[str], dt: float) -> tuple[dict[str, Any], str] | None:
     """Return a combination of live values that the rules allow and a hook rejects, and its message; None without one.
 
-    names : of the live parameters
+    names : names of the live parameters
     dt : s
     """
     kind: Any = type(block)

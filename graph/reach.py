@@ -67,7 +67,7 @@ class Value(NamedTuple):
 class ReachCheck:
     """Comparison of all setpoints of a diagram with the limits of its joints.
 
-    compilation : after its range proof; receives the problems
+    compilation : Compilation after the range proof; receives the problems
     """
 
     def __init__(self, compilation: Compilation) -> None:
@@ -222,7 +222,7 @@ class ReachCheck:
         return range_of(block, source.port, promised(block))
 
     def values_of(self, block: Block, name: str) -> list[Value]:
-        """Return the values that a parameter can have: as built, and within its live bounds. name : of the parameter"""
+        """Return the values that a parameter can have: as built, and within its live bounds. name : its name"""
         built, span = Interval.point(float(getattr(block, name))), block.span(name)
         values = [Value("", built, certain=False)]
         return values if span == built else [*values, Value(f"the live bounds of {name} allow ", span, chosen=True)]
@@ -353,8 +353,8 @@ class ReachCheck:
         """Check a value that reaches the commands of actuators.
 
         commands : (actuator, input) pairs, in order
-        unit : of the value
-        block, port : that the value belongs to
+        unit : unit of the value
+        block, port : block and port that the value belongs to
         """
         for actuator, name in commands:
             reach = self.reach_of(actuator, unit)
@@ -380,7 +380,7 @@ class ReachCheck:
     ) -> None:
         """Report a value outside the limits of an actuator, once for each parameter or input and unit.
 
-        block, name : that the value belongs to
+        block, name : block and parameter that the value belongs to
         words : what the limits are
         severity : "error" or "warning"
         """

@@ -80,7 +80,7 @@ def held_bounds_of(kind: Any, held_within: Mapping[str, tuple[str, str]]) -> dic
 
 
 def side_of(kind: Any, text: str, node: ast.expr) -> Side:
-    """Return a side of a rule. text : of the rule, for messages. Raises TypeError."""
+    """Return a side of a rule. text : rule, as named in messages. Raises TypeError."""
     factors: dict[str, float] = {}
 
     def number(node: ast.expr) -> float | None:

@@ -156,7 +156,7 @@ class SinkColumns:
 class LiveParameter:
     """A parameter that may change while running.
 
-    slot : in the arena, -1 without one; block : the Python block with this attribute, or None
+    slot : index in the arena, -1 for none; block : the Python block with this attribute, or None
     """
 
     path: str  # "left/impedance.stiffness"

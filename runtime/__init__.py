@@ -120,16 +120,16 @@ def run(
     duration : duration in s; in real time None runs until Ctrl-C
     settings : {"left/impedance.stiffness": 40, "assistance": "0.5"} or pairs, as with --set: parameters of blocks and
         of the functions `build` and `plant`
-    plant : in virtual time a Diagram, or function plant(robot) that builds one; by default the file's own. Without
+    plant : Diagram, or function plant(robot) that builds one, for virtual time; by default the file's own. Without
         either every device is emulated and each actuator turns a free inertia
     seed : integer from which the seeds of all noise sources of robot and plant are derived; None: their own seeds
     rate : Hz instead of the diagram's own
-    plant_signals : in virtual time, signals of the plant that the Trial has besides those of the robot, at the end of
+    plant_signals : signals of the plant that the Trial has in virtual time, besides those of the robot, at the end of
         each tick: "walker.left_knee_torque" is trial["plant/walker.left_knee_torque"]. A string of names separated by
         commas, or several; * stands for any text, and a block for all its signals
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
-    stop_for : on a rig, time in s for which the frames of a safe stop go on, at a falling rate, for drives that do not
+    stop_for : time in s for which a safe stop on a rig continues, at a falling rate, for drives that do not
         confirm it; None: 10 s
     options : further options of the command in real time, by their names: yes=True, record="trials",
         trial={"subject": "S03"}, overrun="fault:5"
@@ -323,7 +323,7 @@ def study(
     samples : number of samples
     sample_seed : integer from which the samples are drawn
     seeds : every combination is run with each of them, as `seed` of runtime.run
-    settings, rate : of every run, as in `run`
+    settings, rate : settings and rate of every run, as in `run`
     output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
         table of the same study is read
     workers : number of processes, by default one for each processor; 0 runs the trials in this process
@@ -384,7 +384,7 @@ def optimise(
     output, workers, dask : as in `study`
     grid, sample, samples, sample_seed, seeds : as in `study`. Each proposal is run with all combinations, such as
         wearers, and its cost is the mean
-    settings, rate : of every run, as in `run`
+    settings, rate : settings and rate of every run, as in `run`
 
     The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
     runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the

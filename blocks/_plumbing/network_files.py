@@ -12,7 +12,7 @@ LFS = b"version https://git-lfs.github.com/"
 def weights_of(content: bytes) -> list[str]:
     """Return the names of the files beside an ONNX file that contain its weights, as PyTorch 2.9 exports them.
 
-    content : of the ONNX file
+    content : bytes of the ONNX file
     """
     found = (content[match.end() : match.end() + match[1][0]] for match in LOCATION.finditer(content))
     return sorted({name.decode(errors="replace") for name in found})
@@ -21,7 +21,7 @@ def weights_of(content: bytes) -> list[str]:
 def reason(path: Path, content: bytes, error: str, version: str) -> str:
     """Return why a file cannot be used, and the remedy.
 
-    content : of the file; error : text of ONNX Runtime; version : its number
+    content : bytes of the file; error : text of ONNX Runtime; version : version of ONNX Runtime
     """
     if content.startswith(LFS):
         return "is a pointer of Git LFS and not the network: install git-lfs, and fetch it with `git lfs pull`"

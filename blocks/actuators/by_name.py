@@ -19,7 +19,7 @@ def Actuator(model: str, **parameters: Any) -> Any:
     A name may end in the option of a protocol other than the usual one, as in "MODEL-servo". `--set knee.model=MODEL`
     selects a model of any family.
 
-    model : in the spelling of vendors and papers; parameters : of the block
+    model : name of the model, as vendors and papers spell it; parameters : parameters of the block
 
     Raises DiagramError for an unknown model, and as the block does.
     """
@@ -32,7 +32,7 @@ def Actuator(model: str, **parameters: Any) -> Any:
 def actuators(models: Mapping[int, str], **parameters: Any) -> dict[int, Any]:
     """Return {CAN id: block} of a group of drives on one bus: actuators({1: MODEL, 2: OTHER}, bus="legs").
 
-    Their names are actuator_1, actuator_2 and so on. models : {CAN id: model}; parameters : of every block
+    Their names are actuator_1, actuator_2 and so on. models : {CAN id: model}; parameters : parameters of every block
     """
     return {
         can_id: Actuator(model, can_id=can_id, name=f"actuator_{can_id}", **parameters)

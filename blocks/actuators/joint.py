@@ -496,7 +496,7 @@ def unit_of(block: Any) -> Any:
 def winding_of(spec: Any, gear_ratio: float, limit: float | None) -> Winding:
     """Return the Winding of a model.
 
-    gear_ratio : of the gear behind it; limit : N·m at the joint, None if the command does not bound the torque
+    gear_ratio : ratio of the external gear; limit : N·m at the joint, None if the command does not bound the torque
 
     The current per torque is the largest of the published ratios, at the rated and at the peak torque: the torque of a
     motor that saturates rises less than its current.

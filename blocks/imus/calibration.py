@@ -56,7 +56,7 @@ class Calibration:
 
     @classmethod
     def of(cls, text: str, path: str | Path = "calibration") -> Calibration:
-        """Return the Calibration in the text of a calibration file. Raises ValueError. path : for messages"""
+        """Return the Calibration in the text of a calibration file. Raises ValueError. path : file named in messages"""
         try:
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -122,9 +122,9 @@ def is_number(x: float) -> bool:
 def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> dict[str, list[Any]]:
     """Return a table of a calibration file; {} if it is missing. Raises ValueError.
 
-    content : of the file
+    content : parsed content of the file
     part : name of the table
-    path : of the file, for messages
+    path : file named in messages
     """
     found = content.get(part, {})
     if not isinstance(found, dict):
@@ -138,7 +138,7 @@ def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> di
 def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str | Path) -> tuple[float, ...]:
     """Return three numbers of a calibration file; zeros if they are missing. Raises ValueError.
 
-    part, name : of the table and of the key
+    part : name of the table; name : name of the key
     """
     value = table(content, part, path).get(name, NOTHING)
     if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):

@@ -100,7 +100,7 @@ class ADS1115(I2cDevice):
         return 1.0 / (CLOCK_RATE_MINIMUM * self.rate) + WAKE_UP_TIME
 
     def start(self, name: str) -> Write:
-        """Return the write that starts the conversion of a channel. name : of the channel"""
+        """Return the write that starts the conversion of a channel. name : name of the channel"""
         return Write(CONFIG, self.configuration(name).to_bytes(2, "big"))
 
     def set_up(self) -> tuple[Write, ...]:

@@ -31,10 +31,10 @@ TYPE = re.compile(rf"^({'|'.join(SIZES)})(?:\[(\d+)\])?$")
 class Field:
     """Field of a packet.
 
-    name : of the port
+    name : name of the port
     type : key of SIZES
     count : number of elements, None for a scalar
-    unit : of the port
+    unit : unit of the port
     scale : value of one count in that unit
     """
 
@@ -136,8 +136,9 @@ def plan(fields: Sequence[Field], lines: bool, counter: bool) -> tuple[float, ..
 def clock(fields: Sequence[Field], name: str, wrap: float) -> tuple[float, float, float]:
     """Return (index, s per count, wrap period in s) of the clock field for a kernel.
 
-    A wrap period of 0 means never. name : of the field, "" for none; wrap : s, 0 to derive it from the type. ValueError
-    if there is no such field, or its unit is not a unit of time.
+    A wrap period of 0 means never. ValueError if there is no such field, or its unit is not a unit of time.
+
+    name : name of the field, "" for none; wrap : wrap period in s, 0 to derive it from the type
     """
     if not name:
         return -1.0, 0.0, 0.0

@@ -29,13 +29,13 @@ Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 
 def pitches_of(pelvis: Real | float, angles: Sequence[Real]) -> tuple[Real, ...]:
-    """Return the pitches of thigh, shank and foot. pelvis : its pitch; angles : of hip, knee and ankle in rad"""
+    """Return the pitches of thigh, shank and foot. pelvis : its pitch; angles : those of hip, knee and ankle, rad"""
     hip, knee, ankle = angles
     return pelvis + hip, pelvis + hip - knee, pelvis + hip - knee + ankle
 
 
 def sole(pitches: Sequence[Real]) -> tuple[Complex, Complex]:
-    """Return the places of heel and ball from the hip. pitches : of thigh, shank and foot"""
+    """Return the places of heel and ball from the hip. pitches : pitches of thigh, shank and foot"""
     thigh, shank, foot = (np.exp(1j * pitch) for pitch in pitches)
     ankle = -1j * (THIGH_LENGTH * thigh + SHANK_LENGTH * shank)
     return ankle + foot * (HEEL - 1j * ANKLE_HEIGHT), ankle + foot * (BALL - 1j * ANKLE_HEIGHT)
@@ -62,8 +62,9 @@ def inverse_dynamics(
 ) -> tuple[Real, Real, Real]:
     """Return the torques of hip, knee and ankle in N·m/kg, flexion positive, that move a leg as stated.
 
-    hips : their path; pitches : of thigh, shank and foot; centre : of pressure from the heel in foot lengths; force :
-    of the ground in body weights; height : of the body, m; dt : s; cutoff : of accelerations, Hz
+    hips : path of the hips; pitches : pitches of thigh, shank and foot
+    centre : centre of pressure from the heel in foot lengths; force : force of the ground in body weights
+    height : height of the body, m; dt : time step, s; cutoff : cut-off of the accelerations, Hz
     """
     frequency = np.fft.fftfreq(len(hips), dt)
     frequency[np.abs(frequency) > cutoff] = 0.0

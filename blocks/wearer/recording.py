@@ -68,7 +68,7 @@ class Strides:
 def samples(file: str, mass: float, height: float) -> Real:
     """Return the rate in Hz and the samples of a file in the order of the kernel.
 
-    file : CSV with the columns above, or OpenSim's .mot; mass : of the body, kg; height : of the body, m. ValueError or
+    file : CSV with the columns above, or OpenSim's .mot; mass, height : body mass in kg, height in m. ValueError or
     OSError if the file cannot be used.
     """
     table = read_table(file)

@@ -67,7 +67,7 @@ def balanced(vertical: Real, forward: Real, foot_off: float) -> tuple[Real, Real
 
 
 def flat_foot_pitch(angles: Sequence[Real]) -> float:
-    """Return the pitch of the pelvis with which the foot is flat from 20 to 35 % of the stride. angles : at PHASES"""
+    """Return the pitch of the pelvis that makes the foot flat from 20 to 35 % of the stride. angles : at PHASES, rad"""
     return -float((angles[0] - angles[1] + angles[2])[40:70].mean())
 
 
@@ -76,8 +76,10 @@ def pelvis(
 ) -> tuple[Real, Real, float]:
     """Return (series of the hips' height, of their progress ahead of the mean speed, rise per stride).
 
-    Both have the harmonics PELVIS_HARMONICS; the progress has no mean. angles : of a leg at PHASES, both legs move
-    alike; pitch : of the pelvis; load : on the foot; stairs : if each foot stands on a level of its own
+    Both have the harmonics PELVIS_HARMONICS; the progress has no mean.
+
+    angles : angles of either leg at PHASES; pitch : pitch of the pelvis; load : load on the foot
+    stairs : whether each foot stands on a level of its own
     """
     pitches = pitches_of(pitch, angles)
     feet, loads = (pitches, [other(each) for each in pitches]), (load, other(load))

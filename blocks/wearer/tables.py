@@ -79,7 +79,7 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
 def shared(entry: dict[str, Any], foot_off: float, scale: float) -> np.ndarray:
     """Return the series of the vertical force of a foot with another foot-off, whose two stances overlap for longer.
 
-    scale : of the deviation of the sum of both feet from the body weight
+    scale : factor of the deviation from the body weight of the sum of both feet
     """
     stance = np.linspace(0.0, 1.0, 101)
     waves = sines(stance, FORCE_SINES)
@@ -105,8 +105,8 @@ def entry_of(stride_time: float) -> dict[str, Any]:
 def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return (speeds, coefficients of the cubics between them) of a motion.
 
-    height : of the body, m; person : as in Walker. The coefficients are of shape (pieces, 4, numbers), a natural cubic
-    spline. ValueError
+    height : height of the body, m; person : as in Walker. The coefficients are of shape (pieces, 4, numbers), a natural
+    cubic spline. ValueError
     """
     if person != 0 and motion != "walk":
         raise ValueError(f"motion {motion!r} has only the average adult: leave person at 0, got {person!r}")

@@ -26,7 +26,7 @@ NEAR = 4.0  # px, distance below which two lines cannot be distinguished
 
 @dataclass(eq=False)
 class Wire:
-    """A net in one channel. left, right : heights of its ends at the edges of the channel; x : of its track"""
+    """A net in one channel. left, right : heights of its ends at the edges of the channel; x : position of its track"""
 
     net: object
     left: set = field(default_factory=set)

@@ -58,7 +58,7 @@ _DEFAULT_WIDTH, _BOLD_FACTOR = 0.64, 1.12
 
 
 def text_width(text: str, size: float, bold: bool = False) -> float:
-    """Return the largest width in px of a line of text. size : of the font, px"""
+    """Return the largest width in px of a line of text. size : size of the font, px"""
     return size * (_BOLD_FACTOR if bold else 1.0) * sum(_WIDTH.get(letter, _DEFAULT_WIDTH) for letter in text)
 
 

@@ -183,7 +183,7 @@ def _fault(outcome: Outcome, buses: PlantBuses) -> list[str]:
 
 
 def summary(statistics: Mapping[str, Any], schedule: Schedule) -> list[str]:
-    """Return the lines at the end. statistics : of the shared state"""
+    """Return the lines at the end. statistics : statistics of the shared state"""
     frames, seconds = statistics["frames"], (statistics["last_tick"] + 1) / schedule.rate
     return [
         f"{schedule.name}: {seconds:.1f} s at {schedule.rate:g} Hz, {statistics['missed']} steps missed",

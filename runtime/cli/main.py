@@ -154,8 +154,8 @@ def command(arguments: Sequence[str], folder: str | None) -> int:
 def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
     """Import a command and run it. Returns the exit code.
 
-    name : of the command
-    arguments : after the name
+    name : name of the command
+    arguments : arguments after the name of the command
     folder : as in `main`
     """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")

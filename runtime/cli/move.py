@@ -183,7 +183,7 @@ def target_of(options: Namespace) -> tuple[str, float]:
 
 
 def add_model(parser: Parser, text: str) -> None:
-    """Add --model, and the options of the families that select another block for it. text : with {} for examples"""
+    """Add --model, and the options of families that select another block for it. text : help, with {} for examples"""
     parser.add_argument("--model", metavar="NAME", help=text.format(", ".join(example_models())))
     how = parser.add_mutually_exclusive_group()
     texts = {}
@@ -249,7 +249,7 @@ def check_law(model: Any, settings: Mapping[str, Any]) -> None:
 def value(option: str, unit: str) -> Callable[[str], float]:
     """Return a converter of texts to finite numbers, which raises BadInput.
 
-    option, unit : for the message
+    option, unit : option and unit named in the message
     """
 
     def parse(text):

@@ -104,7 +104,7 @@ class Parser(argparse.ArgumentParser):
 def add_options(parser: Parser, kind: type[Request], *names: str, in_sections: bool = False, **changes: Any) -> None:
     """Add options that the fields of a dataclass declare with runtime.host.options.option.
 
-    names : of the fields
+    names : names of the fields
     in_sections : whether the help lists the options by section
     changes : {name: arguments of add_argument that differ here}
     """

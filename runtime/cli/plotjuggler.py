@@ -72,9 +72,9 @@ def main(arguments: Sequence[str]) -> int:
 def write(name: str, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], output: Path | None) -> int:
     """Write the layout file. Returns the exit code.
 
-    name : of the diagram, for the file without -o
+    name : name of the diagram, which names the file without -o
     signals : columns of the sink
-    parameters : of the PlotJuggler block
+    parameters : parameters of the PlotJuggler block
     output : file from -o, or None
     """
     from runtime.record.recorder.plotjuggler_layout import address, layout

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
 def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
     """Change or list live parameters. Returns lines for standard output.
 
-    pid : of the run
+    pid : process number of the run
     settings : pairs (path or pattern, text); all parameters that a pattern matches change in one tick, up to
         CHANGE_LIMIT parameters
 

@@ -112,7 +112,7 @@ def show(watched: Any, name: str, options: Namespace) -> StreamResult:
     """Stream to the viewers that the options name. Returns the counts.
 
     watched : as in runtime.setup.commissioning.streaming.stream
-    name : of the device in files
+    name : name of the device in files
     """
     try:
         if options.record is not None:

@@ -35,7 +35,7 @@ RETRY_PERIOD = 0.03  # s after which a swallowed Interrupted is raised again
 
 
 class Interrupted(BaseException):
-    """A signal that ends the command. number : of the signal
+    """A signal that ends the command. number : number of the signal
 
     It is not a KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
     """
@@ -67,7 +67,7 @@ def _leave(number, frame):
 
 
 def stopped_by(number: int) -> str:
-    """Return the message of a command that a signal has ended. number : of the signal"""
+    """Return the message of a command that a signal has ended. number : number of the signal"""
     name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
     return f"stopped by {name}; nothing is armed"
 

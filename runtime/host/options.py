@@ -30,11 +30,12 @@ def option(
     """Declare a field of a dataclass that is an option of the command line.
 
     flags : such as "--rate"; a positional argument has none
-    default : of the field and, where `collect` is None, of the option; a class, such as list, makes a new one each time
+    default : default of the field and, where `collect` is None, of the option; a class, such as list, makes a new one
+        each time
     collect : function from all texts of a repeated option to the value of the field
     group : name that options share which exclude each other
     section : title under which the help of `run` lists the option
-    argument : of ArgumentParser.add_argument: type, metavar, help and others
+    argument : arguments of ArgumentParser.add_argument: type, metavar, help and others
     """
     metadata = {"flags": flags, "collect": collect, "group": group, "section": section, "argument": argument}
     if isinstance(default, type):
@@ -46,7 +47,7 @@ def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str],
     """Return a converter of texts to numbers above 0. It raises BadInput.
 
     option : its name for messages
-    unit : of the number
+    unit : unit of the number
     maximum : largest number, in that unit
     """
 

@@ -29,7 +29,7 @@ def tag(key: bytes, content: bytes) -> bytes:
 
 
 def sealed(key: bytes, frame: bytes, session: bytes, number: int) -> bytes:
-    """Return the datagram of a frame. session : of the receiver; number : larger than that of the datagram before"""
+    """Return the datagram of a frame. session : that of the receiver; number : larger than in the datagram before"""
     content = frame + session + number.to_bytes(NUMBER_BYTES, "little")
     return content + tag(key, content)
 

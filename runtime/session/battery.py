@@ -31,7 +31,7 @@ SETTLING_TIME, SIMULATED_TIME = 10.0, 20.0  # s of the simulation: left out, and
 def loads(diagram: Diagram, analysis: Compilation) -> dict[str, Winding]:
     """Return the Winding of each actuator, at the torque that the compiler has proved.
 
-    diagram : of the robot, with its rig applied; analysis : its Compilation
+    diagram : diagram of the robot, with its rig applied; analysis : Compilation of the diagram
     """
     torque = {proof.path: abs(proof.interval).high for proof in analysis.proofs if proof.port == "torque_command"}
     bounds = analysis.torque_bounds
@@ -43,7 +43,7 @@ def budget(
 ) -> dict[str, Any]:
     """Return the battery budget as plain data, with the keys of `check --json`.
 
-    drives : as returned by `loads`; simulation : of that schedule. It runs if the diagram file has a plant.
+    drives : as returned by `loads`; simulation : simulation of that schedule. It runs if the diagram file has a plant.
     """
     continuous = [continuous_current(winding) for winding in drives.values()]
     mean = None if None in continuous else battery.load_current + sum(filter(None, continuous))

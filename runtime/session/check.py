@@ -106,7 +106,7 @@ def check(
 ) -> dict[str, Any]:
     """Check a diagram file. Returns a report as plain data with the keys above.
 
-    path : of the file; or a Diagram, or a function that builds one
+    path : path of the file; or a Diagram, or a function that builds one
     settings : pairs (name, text) from --set
     rate : Hz, replaces the diagram's rate
     rig : path of a rig file, whose devices and bitrates are checked

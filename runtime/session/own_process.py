@@ -124,7 +124,7 @@ def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> li
 class RunProcess:
     """The command `run` on a pseudo terminal.
 
-    arguments : of the command
+    arguments : arguments of the command
     asks : whether a rig is armed only after a confirmation, which is asked for with input()
     """
 

@@ -29,7 +29,7 @@ RANGE_END_MARGIN = 1e-3  # share of the position range
 class Preflight:
     """The pre-flight table of a robot on its rig.
 
-    diagram, schedule : of the robot, with the parameters of its rig
+    diagram, schedule : diagram and schedule of the robot, with the parameters of its rig
     interfaces : {bus: (interface, channel)}
     confirm : whether the operator confirms the table; or the signal that confirms it, as in --arm-on
     granted : texts, the real-time privileges of the guardian

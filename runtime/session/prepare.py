@@ -39,7 +39,7 @@ class Prepared:
     """A run that is ready to be armed, in simulation or on a rig.
 
     ticks : grid points, -1 until stopped
-    poses : of the joints of a rig; they prevent arming if a joint may differ from its drive's reading
+    poses : poses of the joints of a rig; they prevent arming if a joint may differ from its drive's reading
     arm_slot : slot of the arena of the signal of --arm-on, -1 without one
     source_sha256 : hex digest of the source of the diagram file; None without a file
     feed : clock and buses of a recorded run that is repeated; None for a new run

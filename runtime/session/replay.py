@@ -97,7 +97,7 @@ class ReplaySession(Session):
     prepared : Prepared, with a Feed
     trial : Trial of the recording
     comparison : ReplayComparison
-    metadata : of the new recording
+    metadata : metadata of the new recording
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class ReplaySession(Session):
 def opened(path: str | Path) -> Trial:
     """Return the Trial of a recording. Raises BadInput if it cannot be replayed.
 
-    path : of the .mcap file
+    path : path of the .mcap file
     """
     with Progress(f"reading {Path(path).name}") as progress:
         trial = Trial(path)
@@ -157,7 +157,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
 
     trial : as `opened` returns it
     source : as `source_of` returns it
-    folder : for a recording of the replay; None for none
+    folder : folder for a recording of the replay, or None
 
     Raises BadInput if the recording cannot be replayed.
     """
@@ -196,7 +196,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
 
 
 def add_recording(comparison: ReplayComparison, path: str | Path) -> None:
-    """Compare the recording of the replay. path : of its .mcap file"""
+    """Compare the recording of the replay. path : path of its .mcap file"""
     with Progress("comparing") as progress:
         recording = Trial(path)
         progress(0.1)

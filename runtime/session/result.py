@@ -17,12 +17,12 @@ class Result(Prepared):
     """A run that has ended.
 
     outcome : cext.schedule.executor.Outcome
-    statistics : of the shared state
+    statistics : statistics of the shared state
     recording : the recorder's report
-    seconds : of the wall clock, from arming to the end of the safe stop; None in virtual time
+    seconds : wall-clock time from arming to the end of the safe stop, s; None in virtual time
     control : the robot's Program at the end of the run
     realtime : privileges that the system has granted; None in virtual time without processes
-    overruns, profile, newest : of cext.schedule.executor.Executor
+    overruns, profile, newest : attributes of cext.schedule.executor.Executor
     shared : the shared state with the final counts
     report : lines on the fault that ended the run
     waited : s for which the loop's thread was ready to run and had no processor

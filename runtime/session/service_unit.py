@@ -39,9 +39,9 @@ WantedBy=multi-user.target
 def unit(name: str, channels: Iterable[str], arguments: Sequence[str]) -> str:
     """Return the text of the unit, which starts in the present folder with the present interpreter.
 
-    name : of the diagram
+    name : name of the diagram
     channels : CAN interfaces, after which the unit starts
-    arguments : of the command `run`
+    arguments : arguments of the command `run`
     """
     devices = " ".join(f"sys-subsystem-net-devices-{channel}.device" for channel in sorted(channels))
     return UNIT.format(

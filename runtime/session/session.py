@@ -224,8 +224,8 @@ class Session:
     def finish(self, outcome: Outcome | None, seconds: float) -> Result | None:
         """Give everything back and complete the recording.
 
-        outcome : of the executor; None where it raised
-        seconds : of the wall clock, from arming to the end of the safe stop
+        outcome : outcome of the executor; None where it raised
+        seconds : wall-clock time from arming to the end of the safe stop, s
 
         Returns a Result, or None without an outcome.
         """

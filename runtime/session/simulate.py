@@ -56,7 +56,7 @@ def simulate(
 
 
 def value_of(place: SignalPlace, arena: np.ndarray) -> Any:
-    """Return the present value of a signal: a number, or an array for a vector. arena : that of its program"""
+    """Return the present value of a signal: a number, or an array for a vector. arena : arena of its program"""
     values = arena[place.slot : place.slot + place.size]
     if place.shape == ():
         return TYPES[place.dtype](values[0])
@@ -64,7 +64,7 @@ def value_of(place: SignalPlace, arena: np.ndarray) -> Any:
 
 
 def check_above_zero(name: str, value: Any) -> None:
-    """Raise BadInput unless an argument is a finite number above 0. name : of the argument"""
+    """Raise BadInput unless an argument is a finite number above 0. name : name of the argument"""
     if not isinstance(value, numbers.Real) or not 0.0 < float(value) < math.inf:
         raise BadInput(f"{name}={value!r}: expected a finite number above 0")
 
@@ -233,7 +233,7 @@ class SimulatedRun:
     def __setitem__(self, name: str, value: Any) -> None:
         """Change a live parameter from the next tick on, as `set` does: within its bounds, at its slew.
 
-        name : of the parameter, or a pattern such as "*/profile.scale"
+        name : name of the parameter, or a pattern such as "*/profile.scale"
         value : number, bool, or text with a unit
 
         Raises BadInput.

@@ -39,7 +39,7 @@ EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", DISABLED: "report
 
 
 def frame(kind: int, can_id: int, data: bytes = b"") -> tuple[int, bool, bytes]:
-    """Return a frame with an extended id. kind : of the command"""
+    """Return a frame with an extended id. kind : kind of the command"""
     return kind << 8 | can_id, True, bytes(data)
 
 

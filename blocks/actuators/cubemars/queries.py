@@ -29,7 +29,7 @@ NO_ID = 0xFE  # not the id of a drive: identifiers that end so are replies of ot
 def state(identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None) -> Answer | None:
     """Return the Answer of a frame of MIT mode, None for another frame.
 
-    model : of blocks.actuators.cubemars.models; without it velocity and torque are None
+    model : entry of blocks.actuators.cubemars.models; without it velocity and torque are None
     """
     answers = not extended and identifier in (0, can_id) and len(data) in REPLIES
     if not answers or data[0] != can_id or bytes(data) == DISABLE:
@@ -80,8 +80,8 @@ def disable_v3(can_id: int) -> tuple[int, bool, bytes]:
 def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> Answer | None:
     """Return the Answer of a report in servo mode or of a V3.0 board, None for another frame.
 
-    model : of blocks.actuators.cubemars.models or models_v3; without it velocity is None, and torque, which is computed
-        from the current
+    model : entry of blocks.actuators.cubemars.models or models_v3; without it velocity is
+        None, and torque, which is computed from the current
     """
     if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None

@@ -78,7 +78,7 @@ def write(index: int, value: float, can_id: int, host_id: int) -> tuple[int, boo
 
 
 def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
-    """Return the frame that reads a parameter. index : of the parameter"""
+    """Return the frame that reads a parameter. index : index of the parameter"""
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
 
 
@@ -99,7 +99,7 @@ def single(value: float, kind: int) -> float:
 def difference(written: Sequence[tuple[int, float]], place: int, bits: int) -> str:
     """Return how a setting that was read back differs.
 
-    written : as in `settings_of`; place : of the setting, from 1 on; bits : raw value that was read
+    written : as in `settings_of`; place : position of the setting, from 1; bits : raw value that was read
     """
     if not 1 <= place <= len(written):
         return "a setting differs from the one written"

@@ -265,11 +265,11 @@ class RobStride(Joint, Actuator):
         return [(8, True)] * (2 * count)
 
     def write(self, index: int, value: float) -> tuple[int, bool, bytes]:
-        """Return the frame that writes a parameter. index : of the parameter"""
+        """Return the frame that writes a parameter. index : index of the parameter"""
         return frames.write(index, value, self.can_id, self.host_id)
 
     def command(self, kind: int) -> tuple[int, bool, bytes]:
-        """Return a frame without data. kind : of the command"""
+        """Return a frame without data. kind : kind of the command"""
         return frames.frame(kind, self.host_id, self.can_id)
 
     def written_settings(self) -> list[tuple[int, float]]:

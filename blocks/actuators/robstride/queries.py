@@ -45,14 +45,14 @@ def get_id(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
 
 
 def read(index: int, can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
-    """Return the frame that reads a parameter. index : of the parameter"""
+    """Return the frame that reads a parameter. index : index of the parameter"""
     return frames.read(index, can_id, host)
 
 
 def write(
     parameter: Parameter, value: float, can_id: int, is_cybergear: bool = False, host: int = HOST
 ) -> tuple[int, bool, bytes]:
-    """parameter : of blocks.actuators.robstride.parameters"""
+    """parameter : entry of blocks.actuators.robstride.parameters"""
     value = int(value) if parameter.is_whole(is_cybergear) else float(value)
     data = struct.pack("<Hxx", parameter.index) + struct.pack(parameter.layout(is_cybergear), value)
     return frames.frame(frames.WRITE, host, can_id, data)
@@ -111,7 +111,7 @@ def feedback(
 ) -> Answer | None:
     """Return the Answer of a frame of feedback, None for another frame.
 
-    model : of blocks.actuators.robstride.models; without it velocity and torque are None
+    model : entry of blocks.actuators.robstride.models; without it velocity and torque are None
     """
     if not is_feedback(identifier, extended, can_id, host) or len(data) != 8 or bytes(data[:3]) == VERSION + b"\x56":
         return None
@@ -150,7 +150,7 @@ def state_in_mit_mode(
 ) -> Any:
     """Return the Answer of a drive in the MIT protocol, which replies from its host's id; None for another frame.
 
-    host : without it, any id from which no CubeMars replies
+    host : host id; by default any id from which no CubeMars replies
     """
     answers = identifier not in (0, can_id) if host is None else identifier == host
     if extended or not answers or len(data) not in (6, 7, 8) or data[0] != can_id:

@@ -68,7 +68,7 @@ def writes(request: Request) -> list[tuple[Parameter, float]]:
 
 
 def named(name: str, option: str) -> Parameter:
-    """Return a parameter by its name. option : of the command, for the message
+    """Return a parameter by its name. option : command-line option named in the message
 
     Raises Rejected for an unknown parameter.
     """
@@ -139,7 +139,7 @@ class Drive:
         )
 
     def read(self, name: str) -> Dialogue:
-        """Return the value of a parameter; None if the drive does not report it. name : of the parameter"""
+        """Return the value of a parameter; None if the drive does not report it. name : name of the parameter"""
         return (yield from queries.value(self.can_id, parameters.PARAMETERS[name]))
 
     def carry_out(self, request: Request) -> Dialogue:

@@ -22,7 +22,8 @@ class Commands:
     """device : blocks.imus.MicroStrain; known : commands and data of the sensor
 
     newer : whether it is of the newer generation
-    messages : packets sent again after a reconnect; remarks : for the operator; settings : {name: text} as read back
+    messages : packets sent again after a reconnect; remarks : texts for the operator
+    settings : {name: text} as read back
     """
 
     def __init__(self, device: Any, known: set[int]) -> None:
@@ -57,7 +58,7 @@ class Commands:
     def confirm(self, what: str, is_so: bool, found: str, wanted: str) -> None:
         """Keep a setting as read back. Raises Rejected if it is not as it was set.
 
-        found, wanted : in words
+        found, wanted : setting that was read and setting that was written, as text
         """
         if not is_so:
             self.refuse(f"its {what} was set to {wanted}, but reads back as {found}", VENDOR_PROGRAM)

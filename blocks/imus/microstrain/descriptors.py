@@ -29,9 +29,9 @@ class Field:
     """Field of a data packet.
 
     set, descriptor : its numbers
-    name : of its values
-    layout : of its data, in the notation of struct without the byte order
-    unit : of the values in SI; scale : from the wire to it
+    name : name of the field's values
+    layout : layout of the field's data, as a format of struct without the byte order
+    unit : SI unit of the values; scale : factor from the wire to this unit
     flagged : whether its last word states that the filter marks it as valid
     """
 

@@ -95,7 +95,7 @@ MAGNETOMETER = (0x8006, 0x8010)
 class Model:
     """A MicroStrain model.
 
-    name, number : of the model
+    name, number : name and number of the model
     newer : whether it is of the newer generation
     base_rate : Hz, of both sets
     commands, data : supported, each as set and descriptor in one number

@@ -19,7 +19,7 @@ CAUSES = {1: "unknown command", 2: "wrong checksum", 3: "invalid value", 4: "the
 
 
 class Refusal(ValueError):
-    """A command that the sensor has rejected. code : of the acknowledgement"""
+    """A command that the sensor has rejected. code : error code of the acknowledgement"""
 
     def __init__(self, command: int, code: int) -> None:
         super().__init__(CAUSES.get(code, f"code {code}"))

@@ -54,7 +54,7 @@ def packet_type(address: int, types: int, model: str) -> tuple[int, bool, bytes]
 
 
 def packet_rate(address: int, divider: int) -> tuple[int, bool, bytes]:
-    """Return the frame that sets the packet rate. divider : of 100 Hz, 0 for none"""
+    """Return the frame that sets the packet rate. divider : divider of 100 Hz, 0 for no packets"""
     return setting(PACKET_RATE, address, divider)
 
 

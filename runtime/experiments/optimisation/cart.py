@@ -140,7 +140,7 @@ class Table:
 
 
 def factor(kind: str, unit: str, column: str) -> float:
-    """Return the factor of a unit. Raises BadInput for an unknown one. kind, column : for its message"""
+    """Return the factor of a unit. Raises BadInput for an unknown one. kind, column : named in the message"""
     factors = UNITS[kind]
     if unit.strip().lower() not in factors:
         known = ", ".join(name for name in factors if name)
@@ -187,7 +187,7 @@ class Cart:
 
     read : function that returns the bytes that have arrived since its last call, b"" for none; None for a source that
         begins again, whose lines so far are repeated
-    name : of the source, for messages
+    name : name of the source, for messages
 
     Samples that the source already contains at the first `take` are ignored.
     """

@@ -24,8 +24,8 @@ class Missing(Exception):
 class Cost:
     """Cost of a wearer's evaluations.
 
-    name : of the source, for messages
-    unit : of the cost, "" without one
+    name : name of the source in messages
+    unit : unit of the cost, "" without one
     typed : whether the operator types the cost
     """
 
@@ -109,7 +109,7 @@ class CartCost(Sampled):
     """Metabolic power in W, fitted as a first-order response.
 
     cart : source of the samples
-    time_constant : of the response in s
+    time_constant : time constant of the response in s
     """
 
     unit, silence = "W", CART_SILENCE
@@ -153,7 +153,7 @@ class CartCost(Sampled):
 class SignalCost(Sampled):
     """Mean of a signal over the time of the measurement, or over its whole strides.
 
-    name, unit : of the signal
+    name, unit : name and unit of the signal
     time_constant : s, of a signal that is fitted as a first-order response; None for the mean
     strides : whether the samples have a gait phase as second value, 0 at heel strike and 1 before the next
     """

@@ -11,7 +11,7 @@ def of_conditions(events: Iterable[Mapping[str, Any]], rate: float, measure: flo
 
     Without validation trials they are the first evaluation and the one with the lowest cost.
 
-    events : of the recording
+    events : events of the recording
     rate : Hz
     measure : duration of each measurement in s
     """

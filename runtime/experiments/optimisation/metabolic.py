@@ -54,7 +54,7 @@ def steady_state(
     independent deviations of equal variance, which those of breaths are approximately.
 
     times : s since the change, in any order
-    rates : at these times, such as W of each breath
+    rates : rates at these times, such as the W of each breath
     time_constant : s; the rates after more than about four of them are averaged
 
     Raises ValueError for fewer than three rates.

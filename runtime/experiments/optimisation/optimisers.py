@@ -121,7 +121,7 @@ class Optimiser:
         raise NotImplementedError
 
     def _learn(self, fractions: Sequence[float], cost: float) -> None:
-        """Take a cost into account. fractions : of the bounds"""
+        """Take a cost into account. fractions : fractions of the bounds"""
         raise NotImplementedError
 
 

@@ -15,7 +15,7 @@ FORM = "expected NAME=LOW:HIGH or NAME=LOW:HIGH:INITIAL, as in --over 'profile.p
 class Parameter:
     """Parameter that an optimiser varies.
 
-    name : of a setting, as in --set: "profile.peak", "*/profile.peak"
+    name : name of a setting, as in --set: "profile.peak", "*/profile.peak"
     low, high : bounds, in the unit of the setting
     largest_step : largest change from one proposal to the next, in the unit of the setting; None for no limit
     initial : value from which the optimiser starts; None is the middle of the bounds

@@ -60,10 +60,10 @@ def figure(
 ) -> Figure:
     """Return the figure of an optimisation.
 
-    values, costs : of each evaluation, in order; infinite and huge costs are left out
+    values, costs : values and costs of each evaluation, in order; infinite and huge costs are left out
     population : evaluations in a generation
     optimum : drawn as lines, unless it is None
-    title : of the cost
+    title : title of the cost
     errors : standard errors of the costs, None if unknown
     validated : [(condition, [cost, ...])] of validation trials
     """

@@ -62,7 +62,7 @@ class OptimiserProcess(ChildProcess):
             raise BadInput(answer["error"] if answer else "the optimiser process ended before it was ready")
 
     def begin(self, path: str) -> None:
-        """Begin the optimisation once the robot runs. path : of the state file"""
+        """Begin the optimisation once the robot runs. path : path of the state file"""
         with suppress(BrokenPipeError):  # the recorder reports it
             self._send(path.encode() + b"\n")
 
@@ -131,7 +131,7 @@ class Companion:
     control : pidfd of the control process
     channel : file descriptor of the connection to the recorder
     plan : as in OptimiserProcess
-    path : of the state file
+    path : path of the state file
     """
 
     def __init__(

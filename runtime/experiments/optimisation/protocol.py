@@ -95,7 +95,7 @@ class Settings:
     attended : whether an operator can press keys
     validations : validation trials of each condition
     zero : whether "zero", without assistance, is one of their conditions
-    seed : of the order of the validation trials
+    seed : seed of the order of the validation trials
     """
 
     evaluations: int
@@ -116,7 +116,7 @@ class Settings:
 class Protocol:
     """Optimisation with a wearer.
 
-    optimiser : with the costs that were measured before, if it continues
+    optimiser : Optimiser, with the costs that were measured before if the optimisation continues
     robot : the run
     cost : its source
     settings : Settings
@@ -171,7 +171,7 @@ class Protocol:
         return self.over
 
     def press(self, key: str, question: int | None = None) -> None:
-        """Take a key, a character or the name of one. question : that was shown before it; None for the newest"""
+        """Take a key, a character or the name of one. question : number of its question; None for the newest"""
         if question not in (None, self.question):
             return
         if self.phase == "type" and (key in NUMERALS or key in BACKSPACE or key == "enter"):
@@ -410,7 +410,7 @@ class Protocol:
     # Reports
 
     def report(self, step: str, lines: list[str], number: int | None = None, **fields: Any) -> None:
-        """Record an event. number : of the evaluation"""
+        """Record an event. number : number of the evaluation"""
         lines = [f"tickwork: {line}" for line in lines]
         self._report(step, lines, **({} if number is None else {"number": number}), **fields)
 

@@ -74,9 +74,9 @@ def stored(path: Path, study: Optimisation, identity: dict[str, Any]) -> Optimis
 def costs_of(rows: Sequence[dict[str, Any]], objective: str, runs: int) -> list[float]:
     """Return the cost of each evaluation: the mean over its runs, infinite if one of them has none.
 
-    rows : of all runs, in order
-    objective : to minimise
-    runs : of each evaluation
+    rows : rows of all runs, in order
+    objective : name of the objective to minimise
+    runs : runs of each evaluation
     """
     values = [math.nan if row[objective] is None else row[objective] for row in rows]
     means = (math.fsum(values[first : first + runs]) / runs for first in range(0, len(values), runs))

@@ -23,8 +23,8 @@ class OptimisedSession(Session):
     """Run whose live parameters an optimiser process changes.
 
     prepared, say : as in Session
-    plan : of runtime.experiments.optimisation.process
-    state_path : of the state file; None for a new one beside the recording
+    plan : plan of runtime.experiments.optimisation.process
+    state_path : path of the state file; None for a new one beside the recording
 
     state_path : path of the state file, once it is armed
     """

@@ -33,7 +33,7 @@ VERSION = 1
 class StateFile:
     """File of the state.
 
-    path : of the file
+    path : path of the file
     state : as `first` or `read` returns it
     """
 

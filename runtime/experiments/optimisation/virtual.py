@@ -107,7 +107,7 @@ def optimise(
 
 
 def protocol_of(run: SimulatedRun, plan: dict[str, Any], path: str) -> Protocol:
-    """Return the Protocol of a plan. path : of the state file"""
+    """Return the Protocol of a plan. path : path of the state file"""
     state, cost = plan["state"], plan["cost"]
     optimiser = restored(state["optimiser"])
     robot = SimulatedRobot(run, Targets(parse(describe(run.schedule)[1]), optimiser.parameters, plan["zero"]))

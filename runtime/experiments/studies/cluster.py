@@ -26,8 +26,8 @@ CONNECT_TIMEOUT = 10.0  # s
 class Cluster(Engine):
     """Engine that runs trials on a Dask cluster, and again those of a lost worker.
 
-    study : with names of the diagram and the objectives, not functions
-    address : of the scheduler, such as "tcp://10.0.0.5:8786"
+    study : study with names of the diagram and the objectives, not functions
+    address : address of the scheduler, such as "tcp://10.0.0.5:8786"
 
     Trials wait for the first worker; a line on standard error reports a scheduler without workers.
 
@@ -86,8 +86,8 @@ def _trial(order, description, source, sources, folder, release):
 
     source : SHA-256 of the diagram file
     sources : {name: SHA-256} of the modules that it and the objectives import
-    folder : with modules of objectives
-    release : of Tickwork
+    folder : folder with modules of objectives
+    release : version of Tickwork
     """
     if (own := _release()) != release:
         return {"stop": f"the worker has Tickwork {own}, this computer {release}: install the same"}

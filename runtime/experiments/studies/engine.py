@@ -60,7 +60,7 @@ class Here(Engine):
 class Processes(Engine):
     """Engine that runs trials in processes of this machine. A trial whose process ends is run again once.
 
-    study : with names of the diagram and the objectives, not functions
+    study : study with names of the diagram and the objectives, not functions
     count : number of processes
     """
 

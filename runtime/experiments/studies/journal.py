@@ -15,7 +15,7 @@ from runtime.host.errors import BadInput
 class Journal:
     """File of the finished trials, which survives the end of the process at any time.
 
-    path : of the file, which is created or continued
+    path : path of the file, which is created or continued
     identity : description of the study as plain data
 
     rows : {number of a trial: its row} of earlier processes

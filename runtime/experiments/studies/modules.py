@@ -59,7 +59,7 @@ def imported(digests: dict[str, str]) -> bool:
 def import_again(digests: dict[str, str]) -> None:
     """Let this process import modules again if it has imported one of them from another source.
 
-    digests : of `sources`, as they are now
+    digests : digests of `sources`, as they are now
     """
     with _lock:
         changed = any(_imported.get(name, digest) != digest for name, digest in digests.items())
@@ -90,7 +90,7 @@ def _find(name: str, folder: str) -> ModuleSpec | None:
 
 
 def _imports(source: bytes, package: str) -> Iterator[str]:
-    """Yield the names of the modules that a source may import. package : that of its relative imports"""
+    """Yield the names of the modules that a source may import. package : package to which its relative imports refer"""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):  # running it reports that

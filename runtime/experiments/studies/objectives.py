@@ -25,7 +25,7 @@ PLUGINS = Plugins("tickwork.objectives", {name: f"runtime.experiments.studies.ob
 def load(name: str, given: Any) -> Callable[[Trial], float]:
     """Return an objective with its arguments.
 
-    name : of the objective, for messages
+    name : name of the objective, for messages
     given : function or its name, or {"function": one of these, argument: value}
 
     Raises BadInput.

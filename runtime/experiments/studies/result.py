@@ -60,7 +60,7 @@ class StudyResult:
     def plot(self, *names: str) -> Pictures:
         """Return a picture of objectives, which a notebook shows; `.save("study.png")` writes it.
 
-        names : of objectives; by default all
+        names : names of objectives; by default all
 
         With two grid parameters it has heat maps, otherwise a point per trial over each parameter.
 
@@ -99,7 +99,7 @@ class StudyResult:
     def run(self, number: int) -> Trial:
         """Run one trial again and return its Trial, whose signals are those of the study bit for bit.
 
-        number : of the trial, from 0
+        number : number of the trial, from 0
         """
         for place, parameters in enumerate(self.study.trials()):
             if place == number:

@@ -51,7 +51,7 @@ def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> d
 def answer(description: Mapping[str, Any], order: tuple[int, dict[str, Any]]) -> dict[str, Any]:
     """Run a trial in another process and return its row, or {"trial", "stop": text} for an exception in user code.
 
-    description : of the study, as in its TOML file
+    description : description of the study, as in its TOML file
     order : number of the trial, its parameters
     """
     study = described(description)

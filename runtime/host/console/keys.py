@@ -41,7 +41,7 @@ def own_terminal() -> int | None:
 
 
 def key_mode(attributes: list[Any]) -> list[Any]:
-    """Return terminal attributes for single keys without echo. attributes : of tcgetattr
+    """Return terminal attributes for single keys without echo. attributes : attributes as returned by tcgetattr
 
     Ctrl-C still raises SIGINT, and a read without a key does not report the end of the file to other readers.
     """

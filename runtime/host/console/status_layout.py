@@ -26,7 +26,7 @@ class Part:
     """Part of a status line.
 
     importance : parts of the same importance are shortened and dropped together
-    forms : from the longest to the shortest, each a text or a tuple of (text, colour); an empty form is not shown
+    forms : forms from the longest to the shortest, each a text or a tuple of (text, colour); an empty form is not shown
     colour : default colour of its texts
     joined : separated from the part before by a space only
     """
@@ -46,7 +46,7 @@ class Part:
 
 
 def part(importance: float, *forms: str | Sequence[Piece], colour: str | None = None, joined: bool = False) -> Part:
-    """Return a Part. forms : from the longest to the shortest"""
+    """Return a Part. forms : forms from the longest to the shortest"""
     return Part(importance, forms, colour, joined)
 
 

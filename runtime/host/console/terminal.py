@@ -94,7 +94,7 @@ def one_line(text: str, coloured: bool = False) -> str:
 def print_over_status(words: str) -> None:
     """Write one line to standard error, on a terminal in place of the status line that the recorder has drawn.
 
-    words : with names of devices and interfaces, which may contain any characters
+    words : text with names of devices and interfaces, which may contain any characters
     """
     erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
     print(erase + one_line(words), file=sys.stderr, flush=True)

@@ -30,7 +30,7 @@ def batches(groups: Iterable[Changes], rules: Iterable[LiveRule] = ()) -> list[C
     """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
 
     groups : changes that belong together; a group is divided only if it exceeds the limit
-    rules : of the run; changes of parameters that a rule relates also belong together
+    rules : rules of the run; changes of parameters that a rule relates also belong together
     """
     collected: list[Changes] = [[]]
     for group in joined(groups, rules):
@@ -54,8 +54,8 @@ def joined(groups: Iterable[Changes], rules: Iterable[LiveRule]) -> list[Changes
 def send(shared: SharedState, table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
     """Send changes to a run and wait until it has taken them.
 
-    table : of the run
-    pid : of the run, for messages
+    table : table of the run
+    pid : process number of the run, for messages
     changes : (parameter, value), at most CHANGE_LIMIT
 
     Returns the tick from which they are in effect. Raises BadInput if the run does not take them: nothing was changed.

@@ -110,9 +110,9 @@ class Table:
     """Table of live parameters.
 
     name, rate : name and rate in Hz of the diagram
-    parameters : in the order of the mailbox
+    parameters : live parameters in the order of the mailbox
     signals : (path, dtype, unit) of each recorded signal, in the order of a row
-    rules : between the parameters
+    rules : rules between the parameters
     """
 
     name: str
@@ -124,7 +124,7 @@ class Table:
     def broken(self, shared: SharedState | None, changes: Mapping[int, float]) -> list[str]:
         """Return what each rule reports that changes would break, such as "lower must be at most upper (3), got 5".
 
-        shared : of the run, whose other targets are compared with; None for a run that has the built values
+        shared : shared state of the run, whose other targets are compared with; None for a run that has the built values
         changes : {index of a parameter: value}
         """
         targets = [each.built for each in self.parameters]

@@ -36,7 +36,7 @@ class Wants:
     queue : frames in the queue of a CAN interface
     restart : ms until a CAN interface restarts after bus-off
     user : account that runs the robot; the calling one by default
-    folder : of the recordings
+    folder : folder of the recordings
     overlays : lines for a Raspberry Pi's config.txt, without `dtoverlay=`
     hotspot : name of the access point that the script configures; "" for none
     remote_desktop : whether the script enables a remote desktop

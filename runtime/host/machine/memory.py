@@ -38,7 +38,7 @@ class Mapping(NamedTuple):
 
 
 def mappings(text: str) -> Iterator[Mapping]:
-    """Yield the mappings of a process. text : of /proc/PID/smaps"""
+    """Yield the mappings of a process. text : content of /proc/PID/smaps"""
     match, resident = None, 0
     for line in [*text.splitlines(), ""]:
         head = MAPPING.fullmatch(line)

@@ -17,9 +17,9 @@ class Processor:
 
     It is the first one that no other loop uses; if all are in use, the first, shared.
 
-    numbers : of processors, at least one, in order of preference
+    numbers : numbers of the processors, at least one, in order of preference
 
-    number : of the allocated processor
+    number : number of the allocated processor
     """
 
     def __init__(self, numbers: Sequence[int]) -> None:

@@ -60,7 +60,7 @@ class RealtimeRefused(Exception):
 
 @dataclass(eq=False)
 class Refusal(Exception):
-    """Refused privilege. name : of the privilege; why : reason, in one line; cure : remedy, in one line"""
+    """Refused privilege. name : name of the privilege; why : reason, in one line; cure : remedy, in one line"""
 
     name: str
     why: str
@@ -71,7 +71,7 @@ class Realtime:
     """Real-time privileges of the calling thread and its process.
 
     mode : "off", "try" or "require"
-    priority : of SCHED_FIFO, 1 to 98
+    priority : priority under SCHED_FIFO, 1 to 98
     cpu : number of the processor to stay on; None for the last isolated one or, if none is isolated and the priority
         was granted, the last of the fastest
 
@@ -312,7 +312,7 @@ def restore_scheduler(policy: int, parameters: sched_param) -> None:
 
 
 def _limit_remedy(item, value):
-    """Return the remedy for a limit of the account. item, value : of limits.conf"""
+    """Return the remedy for a limit of the account. item, value : item and value in limits.conf"""
     return f"put `{user()} - {item} {value}` into {LIMITS_FILE} and log in again"
 
 

@@ -187,12 +187,12 @@ class AverageStride:
 
 
 def left_out_text(result: dict[str, Any]) -> str:
-    """Return why strides were excluded, such as '1 with missed ticks, 2 longer than 4 s'. result : of AverageStride"""
+    """Return why strides were excluded, such as '1 with missed ticks, 2 longer than 4 s'. result : AverageStride"""
     return ", ".join(f"{count} {reason}" for reason, count in result["left_out_because"].items())
 
 
 def signals_texts(result: dict[str, Any]) -> tuple[str, str]:
-    """Return the signals of the figures, without the folder of the leg, as two texts. result : of `legs.measured`"""
+    """Return the signals of the figures, without the folder of the leg, as two texts. result : from `legs.measured`"""
     signals = {name: path.removeprefix(f"{result['title']}/") for name, path in result["signals"].items()}
     return f"work of {signals['torque']} and {signals['velocity']}", (
         f"angle {signals['angle']}, phase {signals['phase']}"

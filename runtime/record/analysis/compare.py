@@ -21,7 +21,7 @@ class Difference:
 
     ticks : number of ticks with different bits; all NaN count as equal
     first : the first such tick, with both values
-    largest, rms : of the absolute difference; infinite if only one is NaN
+    largest, rms : maximum and RMS value of the absolute difference; infinite if only one is NaN
     """
 
     path: str

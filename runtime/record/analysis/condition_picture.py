@@ -65,7 +65,7 @@ def draw(conditions: Sequence[Condition], file: BinaryIO, kind: str) -> None:
 
 
 def draw_signals(conditions: Sequence[Condition], paths: Sequence[str], file: BinaryIO, kind: str) -> None:
-    """Plot scalar signals, one plot each. paths : of the signals
+    """Plot scalar signals, one plot each. paths : paths of the signals
 
     Other arguments and errors are those of `draw`. Raises KeyError for an unknown signal.
     """

@@ -43,7 +43,7 @@ MINUS = str.maketrans("-", "−")
 class Row:
     """One line of the table.
 
-    effect : in pooled standard deviations
+    effect : effect size in pooled standard deviations
     relative : difference of a figure relative to the first; of a curve, RMS relative to the RMS of the first
     largest : difference of a figure; largest difference of the mean curves, signed
     first, second : (mean, standard deviation) of a figure; None for a curve

@@ -65,8 +65,8 @@ def drawable(values: ArrayLike) -> np.ndarray:
 def broken(ticks: np.ndarray, times: np.ndarray, values: np.ndarray, every: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Return the times and values of a line that ends where more than one sample in a row is missing.
 
-    ticks : of the samples
-    times, values : of the samples
+    ticks : ticks of the samples
+    times, values : times and values of the samples
     every : ticks from one sample to the next
     """
     gaps = np.flatnonzero(np.diff(ticks) > 2 * every) + 1

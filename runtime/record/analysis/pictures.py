@@ -81,7 +81,7 @@ def in_base64(draw: Draw) -> str:
 def over_time(trial: TrialData, names: Sequence[str] = ()) -> dict[str, Draw]:
     """Return {title: function that draws} of signals over time.
 
-    names : of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+    names : signals, blocks or subsystems, in one picture; by default a picture for each subsystem
 
     Raises KeyError, or BadInput for a trial without ticks.
     """
@@ -102,7 +102,7 @@ def over_time(trial: TrialData, names: Sequence[str] = ()) -> dict[str, Draw]:
 def over_strides(conditions: Sequence[Condition], names: Sequence[str] = ()) -> dict[str, Draw]:
     """Return {"strides": function that draws} of conditions over the gait cycle.
 
-    names : of signals, blocks or subsystems; by default angle, torque and power of each joint
+    names : signals, blocks or subsystems; by default angle, torque and power of each joint
 
     Raises KeyError or BadInput.
     """

@@ -55,7 +55,7 @@ def overview(trial: TrialData) -> dict[str, tuple[list[list[str]], str]]:
 def rows_of(trial: TrialData, paths: Iterable[str]) -> list[list[str]]:
     """Return the rows of named paths, in order: a plot for each unit, or several if it would be too full.
 
-    paths : of signals, blocks or subsystems
+    paths : paths of signals, blocks or subsystems
 
     Raises KeyError or BadInput.
     """

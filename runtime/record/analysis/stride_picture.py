@@ -32,7 +32,7 @@ TITLE_WIDTH, NOTE_WIDTH = 38, 76  # characters of a title, and of a line of the 
 def draw(name: str, legs: Sequence[dict[str, Any]], file: BinaryIO, kind: str = "png") -> None:
     """Write the plot.
 
-    name : of the diagram
+    name : name of the diagram
     legs : results of AverageStride for each leg, with at least one stride
     file : open for writing bytes
     kind : "png" or "svg"

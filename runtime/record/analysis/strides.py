@@ -78,7 +78,7 @@ def bounds(
 ) -> np.ndarray:
     """Return the times at which complete strides begin and end, as a (strides, 2) array in s.
 
-    path : of the signal
+    path : path of the signal
     events, between, last : as for Trial.strides
     """
     begin, end = interval(trial, between)
@@ -125,7 +125,7 @@ def phase_of(trial: TrialData, path: str) -> tuple[str, str | None]:
 
 
 def beginnings(trial: TrialData, path: str) -> np.ndarray:
-    """Return the times in s at which strides begin, from a bool or a gait phase. path : of the signal"""
+    """Return the times in s at which strides begin, from a bool or a gait phase. path : path of the signal"""
     values = at_ticks(trial, path)
     if values.ndim != 1:
         raise BadInput(f"events={path!r} has {values.shape[1]} elements: strides begin with a bool or a gait phase")

@@ -89,7 +89,8 @@ class Trial(TrialData):
         """Return pictures of signals, which a notebook shows; `.save("knee.png")` writes them.
 
         names : names of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
-        strides : over the gait cycle instead of over time; without names angle, torque and power of each joint
+        strides : whether to plot over the gait cycle instead of over time; without names, angle, torque and power of
+            each joint
         events, between, last : with `strides`, as for Trial.strides
 
         Raises KeyError or BadInput.

@@ -56,7 +56,7 @@ class TrialData:
     gaps : [(time of the last tick before it, time of the first one after it)] of damaged bytes, in s
     file : runtime.record.storage.parts.Recording that is read; None for a run without a file
     parts : [Path] of its files: several if another recorder continued it
-    seams : of each part but the first, how it continues (runtime.record.storage.parts.Seam)
+    seams : for each part but the first, how it continues the one before (runtime.record.storage.parts.Seam)
 
     Raises BadInput if the file is not a recording, or one of a newer Tickwork.
     """
@@ -233,7 +233,7 @@ class TrialData:
             self._read(missing)
 
     def values(self, places: Sequence[int]) -> np.ndarray:
-        """Return the values of signals as a float64 array (ticks, places). places : in the row
+        """Return the values of signals as a float64 array (ticks, places). places : places in the row
 
         The array may share its memory with this Trial: copy it before changing it.
         """
@@ -269,7 +269,7 @@ class TrialData:
     def between(self, start: float, stop: float) -> Self:
         """Return the part of this Trial from one time up to another, without reading the rest.
 
-        start, stop : in s; a tick at `stop` is not included
+        start, stop : times in s; a tick at `stop` is not included
         """
         made = copy.copy(self)
         if self._recording is None:
@@ -293,8 +293,8 @@ class TrialData:
     def row_groups(self, count: int, places: Sequence[int] | None = None) -> Iterator[Rows]:
         """Yield the rows as runtime.record.storage.batches.Rows, in order, without keeping them.
 
-        count : of the ticks in a group, at most
-        places : of the signals in the row; by default all
+        count : largest number of ticks in a group
+        places : places of the signals in the row; by default all
         """
         places = range(len(self.signals)) if places is None else places
         done = 0

@@ -35,7 +35,7 @@ def on_can(about: dict[str, Any]) -> dict[int, str]:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
     buses, began, done = on_can(trial.about), trial.began, 0
@@ -59,7 +59,7 @@ def line(time: float, bus: str, word: int, flags: int, sent: int, data: bytes) -
     time : s
     bus : name of the interface
     word : identifier with the flag bits of SocketCAN
-    flags : of CAN FD
+    flags : CAN FD flags
     sent : whether the run sent it
     """
     identifier, end = word & ID_MASK, " T\n" if sent else " R\n"

@@ -26,7 +26,7 @@ def check(trial: Trial, kind: str) -> None:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
     columns = [{**signal, "ascii_unit": ascii_name(signal["unit"])} for signal in trial.signals.values()]
@@ -50,7 +50,7 @@ def exact(rows: np.ndarray, times: np.ndarray, whole: list[int]) -> list[tuple[A
     """Return rows for Lines.text; [] if they have values that JSON or an integer lacks.
 
     rows : as in a Batch
-    times : of the rows, in s
+    times : times of the rows, in s
     whole : columns with integers
     """
     if not len(rows) or not np.isfinite(rows[:, 2:]).all() or not (np.abs(rows[:, whole]) < INTEGER_LIMIT).all():

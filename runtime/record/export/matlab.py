@@ -41,7 +41,7 @@ def check(trial: Trial, kind: str) -> None:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : not used: the file is written at once
     """
     values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
@@ -72,7 +72,7 @@ class Struct:
         self.names, self.inside = {}, {}  # {(name, is a leaf): legal name}, {legal name: Struct}
 
     def put(self, names: list[str], leaf: Any) -> None:
-        """Add a leaf. names : from the outermost level to that of the leaf"""
+        """Add a leaf. names : names from the outermost level to the leaf"""
         first, *rest = names
         key = first, not rest
         name = self.names.get(key)

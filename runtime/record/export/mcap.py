@@ -28,7 +28,7 @@ def check(trial: Trial, kind: str) -> None:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
     [reader, *rest] = trial.file.readers
@@ -106,7 +106,7 @@ class Copy:
     def joined(self, body: bytes, drain: int) -> bytes | None:
         """Return a message CanFrames with the frames before the next part, None without any.
 
-        drain : of the part; the time of drain 0 is that of the last drain in the previous part
+        drain : drain of the part; the time of drain 0 is that of the last drain in the previous part
         """
         drained, group = messages.split_frames(body)
         if self.following and self.following.since is not None:

@@ -68,7 +68,7 @@ def read_names(path: Path) -> dict[str, str]:
 
 
 def named(trial: Trial, names: dict[str, str], path: Path) -> Trial:
-    """Return a Trial whose signals have the names of coordinates. names : of `read_names(path)`. Raises BadInput."""
+    """Return a Trial whose signals have the names of coordinates. names : from `read_names(path)`. Raises BadInput."""
     for signal in names:
         if signal not in trial.signals:
             hint = suggestion(signal, trial.signals)
@@ -118,7 +118,7 @@ def coordinates(trial: Trial) -> list[str]:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file, with missing rows and samples filled in by Trial.resample.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
     if missed(trial) or any(trial.every(name) > 1 for name in trial.signals):
@@ -148,14 +148,14 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
 
 
 def written(trial: Trial, path: str) -> list[str]:
-    """Return the signals of a file. path : of the file"""
+    """Return the signals of a file. path : path of the file"""
     return coordinates(trial) if path.endswith(".mot") else list(trial.signals)
 
 
 def finite(trial: Trial, path: str) -> dict[str, np.ndarray | None]:
     """Return {signal: its values with every nan and infinity filled in; None if all are numbers} of a file.
 
-    A signal without any number is left out. path : of the file
+    A signal without any number is left out. path : path of the file
     """
     counts = not_numbers(trial, path)
     filled: dict[str, np.ndarray | None] = {}
@@ -172,7 +172,7 @@ def finite(trial: Trial, path: str) -> dict[str, np.ndarray | None]:
 
 
 def not_numbers(trial: Trial, path: str) -> dict[str, int]:
-    """Return {signal: number of its samples that are nan or infinite} of a file. path : of the file"""
+    """Return {signal: number of its samples that are nan or infinite} of a file. path : path of the file"""
     names = written(trial, path)
     counts = np.zeros(len(names), dtype=int)
     places = [trial.places[name] for name in names]
@@ -182,7 +182,7 @@ def not_numbers(trial: Trial, path: str) -> dict[str, int]:
 
 
 def remarks(trial: Trial, path: str) -> list[str]:
-    """Return what differs in a file from the recording, as lines of text. path : of the file"""
+    """Return what differs in a file from the recording, as lines of text. path : path of the file"""
     name, lines = Path(path).name, []
     if missed(trial):
         lines.append(f"{name}: {count(missed(trial), 'missed tick')} filled in: OpenSim requires equally spaced times")

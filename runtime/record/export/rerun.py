@@ -26,7 +26,7 @@ def check(trial: Trial, kind: str) -> None:
 def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     """Write the file.
 
-    path : of the file, which is overwritten
+    path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
     rr = need("rerun", "a file of Rerun")

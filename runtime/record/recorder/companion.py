@@ -45,8 +45,8 @@ LOST = "the companion process of the run has ended before the run"
 class Companion:
     """The recorder's end of the connection.
 
-    descriptor : of a socket of type SOCK_SEQPACKET
-    recording, shared : of the run
+    descriptor : file descriptor of a socket of type SOCK_SEQPACKET
+    recording, shared : recording and shared state of the run
     control : pidfd of the control process
     """
 
@@ -107,7 +107,7 @@ class Companion:
         )
 
     def press(self, key: str, pressed: Key | None = None) -> bool:
-        """Send a key, if the companion uses it. Returns whether it does. pressed : with its times"""
+        """Send a key, if the companion uses it. Returns whether it does. pressed : keys pressed, with their times"""
         if key not in self.needs["keys"]:
             return False
         times = {}

@@ -13,7 +13,7 @@ SYNC_PERIOD = 1.0  # s
 
 
 class DiskSync:
-    """The thread. paths : of the files"""
+    """The thread. paths : paths of the files"""
 
     def __init__(self, paths: Iterable[str]) -> None:
         self._paths = list(paths)

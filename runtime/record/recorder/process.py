@@ -43,7 +43,7 @@ CANNOT_RECORD = 2  # exit code of a writer whose files cannot be created
 class Control:
     """State of the control process and its orders on standard input.
 
-    mark : of the processes that its user code has started, which end with it; None without one
+    mark : mark of the processes that its user code has started, which end with it; None without one
     gone : whether it has ended or runs another program
     abandoned : whether it has ordered to discard the recording
     """

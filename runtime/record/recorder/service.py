@@ -110,14 +110,14 @@ class Service:
         """Take the columns of the sink in one completed tick.
 
         time : s
-        values : in the order of the columns
+        values : values in the order of the columns
         """
 
     def every_signal(self, tick: int, time: float, lateness: float, values: list[float]) -> None:
         """Take all recorded signals of one completed tick.
 
         time, lateness : s
-        values : in the order of plan["signals"]
+        values : values in the order of plan["signals"]
         """
 
     def received(self, payload: bytes) -> None:

@@ -201,7 +201,7 @@ def traffic(plan: dict[str, Any], pace: float, frames: float, each: Sequence[flo
 
 
 def both(median: float, high: float, digits: int = 2) -> str:
-    """Return two durations in s as text in µs or ms. digits : of the second one in ms"""
+    """Return two durations in s as text in µs or ms. digits : decimal places of the value in ms"""
     return (
         f"{median * 1e6:.0f}/{high * 1e6:.0f} µs" if high < 1e-3 else f"{median * 1e3:.2f}/{high * 1e3:.{digits}f} ms"
     )

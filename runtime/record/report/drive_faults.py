@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 def text(status: str, block: Any, program: Program) -> str | None:
     """Return the text of an actuator's fault; None where `status` is another fault.
 
-    status : of the Outcome
+    status : status of the Outcome
     block : the actuator, or None
-    program : of the diagram with the actuator; its `watched` has the value and the bound
+    program : program of the diagram with the actuator; its `watched` has the value and the bound
     """
     words = WORDS.get(status)
     row = next((row for row in program.reports.watched if block is not None and row["device"] == block.path), None)

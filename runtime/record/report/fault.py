@@ -68,8 +68,8 @@ def _when(result: RunResult) -> str:
 def what(result: RunResult, block: Block | None, program: Program) -> str:
     """Return the fault as text.
 
-    block : in which it arose; None without one
-    program : of the diagram with the block: the robot or its plant
+    block : block in which the fault arose, or None
+    program : program of the diagram with the block: the robot or its plant
     """
     outcome = result.outcome
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
@@ -358,7 +358,7 @@ def origin(diagram: Diagram, schedule: Schedule, values: np.ndarray, block: Bloc
     Infinities count like NaN, since a limiter turns an infinity into NaN. Returns None if every input of the block is
     finite, and the last signal of the search if every signal of a loop is non-finite.
 
-    values : of the arena, at the end of the tick
+    values : values of the arena, at the end of the tick
     """
     wires = {}
     for wire in diagram.wires:
@@ -390,7 +390,7 @@ def origin(diagram: Diagram, schedule: Schedule, values: np.ndarray, block: Bloc
 
 
 def signal_values(schedule: Schedule, values: np.ndarray, signal: Signal) -> np.ndarray:
-    """Return the elements of a signal, as a flat array. values : of the arena"""
+    """Return the elements of a signal, as a flat array. values : values of the arena"""
     place = schedule.signals[signal.path]
     return values[place.slot : place.slot + place.size]
 

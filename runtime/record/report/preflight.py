@@ -17,7 +17,7 @@ ASK_AGAIN = "press Enter to check again; space, q or Ctrl-C end the run without 
 
 
 def text(event: dict[str, Any], console: Console) -> list[str]:
-    """Return the lines of the table. event : of Preflight; console : runtime.host.console.styles.Console"""
+    """Return the lines of the table. event : Preflight event; console : runtime.host.console.styles.Console"""
     lines = [console.bold("before arming"), *_devices(event["devices"], console), *_buses(event["buses"], console)]
     if event["guardian"]:
         lines += console.hang("  guardian  ", ", ".join(event["guardian"]), console.faint)

@@ -162,7 +162,7 @@ def _buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
 def watch_text(entry: Mapping[str, Any], rate: float) -> str:
     """Return what the drive monitor reported about one actuator, and for how long; "" for nothing.
 
-    entry : of DeviceReports.watched; rate : Hz
+    entry : entry of DeviceReports.watched; rate : tick rate, Hz
     """
     reports = [
         f"{words} for {entry[key] / rate:.3g} s"
@@ -180,7 +180,7 @@ def watch_text(entry: Mapping[str, Any], rate: float) -> str:
 
 
 def stride_text(stride: dict[str, Any]) -> str:
-    """Return the figures of the average stride of one joint. stride : of the recorder's report"""
+    """Return the figures of the average stride of one joint. stride : stride of the recorder's report"""
     peak = f"peak torque {stride['peak_torque']:.1f} N·m"
     left_out = f" ({stride['left_out']} excluded)" if stride["left_out"] else ""
     if not stride["strides"]:

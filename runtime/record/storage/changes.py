@@ -23,7 +23,7 @@ ORIGINS = {1: "keys", 2: "replay"}
 
 
 def stopped_by(origin: str) -> str:
-    """Return what has stopped a run as text. origin : of the request, as in cext.schedule.outcome.Outcome.stopped"""
+    """Return what has stopped a run as text. origin : as in cext.schedule.outcome.Outcome.stopped"""
     return "stopped by the space bar" if origin == "keys" else f"stopped by process {origin.removeprefix('set ')}"
 
 

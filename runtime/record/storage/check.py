@@ -183,7 +183,7 @@ class Check:
     def lose(self, begin: int, end: int) -> None:
         """End the run of chunks before damaged bytes, unless they are the index of the last chunk.
 
-        begin, end : of the bytes
+        begin, end : range of the bytes in the file
         """
         if self.run:
             last, counts = self.run[-1], self.run[-1].counts.values()
@@ -227,8 +227,8 @@ class Check:
     def text(self, rate: float, size: int, last: int | None) -> str:
         """Return the gaps as the end of a sentence; "" without one.
 
-        rate : of the ticks, in Hz
-        size : of the file, in bytes
+        rate : tick rate in Hz
+        size : size of the file, in bytes
         last : last tick of the run; None if it is unknown
         """
         gaps = [*self.gaps, *([Gap(self.indices, -1, 0)] if self.indices else [])]

@@ -53,11 +53,11 @@ class Chunk:
     at : position of its record
     begin, length : position and size of its messages as they are stored, in bytes
     compression : "", "zstd", "lz4", or STREAM
-    size : of its messages, in bytes
+    size : size of its messages, in bytes
     end : position at which its message indices end
     counts : {channel: number of messages}
     headless : whether it has no head of a chunk
-    checksum : of the messages of a chunk without a head; None if the file has none
+    checksum : checksum of the messages of a chunk without a head; None if the file has none
     is_unverified : whether the file has no checksum of its messages
     is_indexed : whether its message indices are undamaged; this and `is_unverified` are known after `load`
     limit : bytes of its messages that are undamaged; None for all
@@ -161,7 +161,7 @@ def head_of(data: Any) -> tuple[int, str, int, int, int]:
 def load(descriptor: int, chunk: Chunk) -> Messages:
     """Read the messages of a chunk. Several threads can do so at a time.
 
-    descriptor : of the file
+    descriptor : descriptor of the file
 
     Raises ValueError or LookupError if the chunk is damaged.
     """
@@ -276,7 +276,7 @@ def walked(plain: Any, only_messages: bool = False) -> Messages:
 
 
 class ExpansionLimit:
-    """Limit on what the chunks of a file expand to. size : of the file, in bytes"""
+    """Limit on what the chunks of a file expand to. size : size of the file, in bytes"""
 
     def __init__(self, size: int) -> None:
         self.left = self.limit = max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * size)

@@ -30,7 +30,7 @@ class Damaged(ValueError):
 class Layout:
     """Channels of a recording, by what their messages contain.
 
-    path : of the file, for errors
+    path : file named in errors
     about : metadata of the recording
     topics : {channel: topic}
 
@@ -125,8 +125,8 @@ class Layout:
 def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Decode messages with one frame each.
 
-    data : of the chunk, as an array of bytes
-    offsets : of the message records
+    data : content of the chunk, as an array of bytes
+    offsets : offsets of the message records
     began : time at which the run started, in ns of the file
 
     Returns (array of FRAME, offset of the message of each, number that orders those of all buses). Raises Damaged.
@@ -178,7 +178,7 @@ def decoded(
     """Decode messages CanFrame.
 
     data : array of bytes
-    offsets : of the message record of each, for errors
+    offsets : offset of each message record, for errors
     at, ends : where each begins and ends
     fields : as in runtime.record.storage.messages
 
@@ -224,7 +224,7 @@ def flag(made: Any, name: str, values: np.ndarray) -> None:
     """Set a flag of frames.
 
     made : array of FRAME
-    values : of the flag in each frame
+    values : values of the flag in each frame
     """
     if name in ID_FLAGS:
         made["id"] |= np.where(values, np.uint32(ID_FLAGS[name]), np.uint32(0))

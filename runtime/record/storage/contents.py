@@ -100,7 +100,7 @@ def summarised(stream: Any, size: int) -> Contents | None:
     """Return the Contents of a complete file from its summary; None if the file has no valid one.
 
     stream : file, unbuffered
-    size : of the file, in bytes
+    size : size of the file, in bytes
     """
     from mcap.exceptions import McapError
 

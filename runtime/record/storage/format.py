@@ -24,7 +24,7 @@ class Frame(NamedTuple):
     """Frame of a bus.
 
     time : ns since the start of the run
-    id : without the flag bits
+    id : identifier without the flag bits
     bus : number of the bus
     data : bytes, 64 at most
     """

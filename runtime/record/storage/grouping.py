@@ -17,7 +17,7 @@ PLAIN = ("1", "any")
 def by_unit(name: str, signals: Iterable[dict[str, Any]]) -> dict[str, list[tuple[str, list[str]]]]:
     """Return {subsystem: [(title of a plot, [path])]}, in the order of the signals.
 
-    name : of the diagram, for signals outside subsystems
+    name : name of the diagram, for signals outside subsystems
     signals : [{"path", "unit", "dtype"}]
     """
     units_of: dict[str, dict[tuple[bool, str], list[str]]] = {}
@@ -33,7 +33,7 @@ def by_unit(name: str, signals: Iterable[dict[str, Any]]) -> dict[str, list[tupl
 
 
 def heading(title: str, whole: bool, unit: str) -> str:
-    """Return the title of a plot. title : of its group; whole : whether the signals are ints or bools"""
+    """Return the title of a plot. title : title of its group; whole : whether the signals are ints or bools"""
     if unit not in PLAIN:
         return f"{title} [{unit}]"
     return f"{title}, counts and states" if whole else title

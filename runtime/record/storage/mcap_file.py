@@ -47,7 +47,7 @@ class McapFile:
     """Writer of one MCAP file.
 
     file : runtime.record.storage.files.WholeFile
-    compression : of the chunks: "zstd", "zstd:LEVEL" with a level from 1 to 19, or "none"
+    compression : compression of the chunks: "zstd", "zstd:LEVEL" with a level from 1 to 19, or "none"
     """
 
     def __init__(self, file: Any, compression: str = ZSTD) -> None:
@@ -90,7 +90,7 @@ class McapFile:
         self.attached(attachment, self.file.tell(), self.record(attachment))
 
     def attached(self, attachment: Any, offset: int, length: int) -> None:
-        """Add an attachment to the summary. offset, length : of its record in the file, in bytes"""
+        """Add an attachment to the summary. offset, length : offset and length of the record in the file, in bytes"""
         from mcap.records import AttachmentIndex
 
         self.attachments.append(
@@ -109,7 +109,7 @@ class McapFile:
         """Write a channel of Protobuf messages and return its number.
 
         descriptor : serialised FileDescriptorSet
-        name : of the message in the descriptor
+        name : name of the message in the descriptor
         """
         from mcap.records import Channel, Schema
 
@@ -186,7 +186,7 @@ class McapFile:
             os.pwrite(self.file.descriptor, head, self.start)
 
     def end_chunk(self, is_followed: bool = False) -> None:
-        """End the open chunk, if any: write its indices, then its head. is_followed : by another. Raises OSError."""
+        """End the open chunk, if any: write its indices, then its head. is_followed : by a chunk. Raises OSError."""
         if self.start is None:
             return
         start = self.start

@@ -172,7 +172,7 @@ class Subsystem:
         self._pack = Struct("<" + "".join(f"{len(text)}sd" for text in pieces)).pack
 
     def encode(self, values: Iterable[float]) -> bytes:
-        """Return the message as bytes. values : in the order of `columns`"""
+        """Return the message as bytes. values : values in the order of `columns`"""
         self._items[1::2] = values
         return self._pack(*self._items)
 
@@ -212,7 +212,7 @@ def subsystems(name: str, signals: Iterable[dict[str, Any]]) -> list[Subsystem]:
 
     A subsystem whose signals have different periods has one for each: "/left", then "/left_every_4".
 
-    name : of the diagram
+    name : name of the diagram
     signals : [{"path", "every" in ticks (default: 1)}], in the order of the row
     """
     grouped: dict[str, dict[int, list]] = {}

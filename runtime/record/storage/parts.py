@@ -93,10 +93,10 @@ def are_of_one_run(readers: list[Reader], second: Reader) -> bool:
 class Recording:
     """Parts of one run as one recording.
 
-    path : of the first part
+    path : path of the first part
     read : function that opens one file
 
-    readers : of the parts
+    readers : readers of the parts
     about, diagram : as in Contents, of the first part
     seams : [Seam] of each part but the first
 
@@ -171,7 +171,7 @@ class Recording:
             reader.check(lambda share, number=number: progress((number + share) / len(self.readers)))
 
     def starts(self, count: int | None = None) -> list[int]:
-        """Return the number of rows before each part, and of all. count : of parts"""
+        """Return the number of rows before each part, and of all. count : number of parts"""
         starts = [0]
         for number, reader in enumerate(self.readers[:count]):
             starts.append(min([starts[-1] + len(reader), *(seam.rows for seam in self.seams[number:])]))
@@ -267,7 +267,7 @@ class Recording:
         return Seam(beyond, since, offset, self.began + drained)
 
     def row_before(self, number: int, tick: int, rows: int) -> int:
-        """Return the number of rows of the first `number` parts that precede a tick. rows : of all these parts"""
+        """Return the number of rows of the first `number` parts that precede a tick. rows : rows of all these parts"""
         starts = self.starts(number)
         for reader, begin, end in zip(self.readers[:number], starts, starts[1:]):
             row = reader.row_from("tick", tick)
@@ -278,7 +278,7 @@ class Recording:
     def drains_before(self, number: int, second: Reader, rows: int) -> int:
         """Return how many bus drains precede a part whose count restarts. There is one drain a row.
 
-        rows : before the part
+        rows : number of rows before the part
         """
         here = difference(self.last_frames(number), last=True)
         there = difference(second.frames(), last=False)

@@ -17,7 +17,7 @@ GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 
 def gather(plan: dict[str, Any]) -> dict[str, Any]:
-    """Return the provenance of a run for JSON; None for what cannot be had. plan : of the recorder"""
+    """Return the provenance of a run for JSON; None for what cannot be had. plan : plan of the recorder"""
     metadata = plan.get("metadata", {})
     return {
         "name": plan["name"],
@@ -81,7 +81,7 @@ def processor() -> str | None:
 def repository(file: str | None) -> dict[str, Any] | None:
     """Return the state of the git repository of a file; None without one.
 
-    revision : of the last commit
+    revision : revision of the last commit
     dirty : whether tracked files have uncommitted changes; None if unknown
     tracked : whether the file is tracked
     """

@@ -59,7 +59,7 @@ class Recorded:
 class Reader:
     """One file of a recording.
 
-    path : of the file
+    path : path of the file
     progress : called with the fraction of the file that has been scanned
 
     about, end, diagram : its attachments; `end` and `diagram` may be None
@@ -239,7 +239,7 @@ class Reader:
     def rows(self, places: Iterable[int], first: int = 0, last: int | None = None) -> Rows:
         """Read rows.
 
-        places : of the signals
+        places : places of the signals
         first, last : rows; by default all
         """
         places = list(places)
@@ -281,7 +281,7 @@ class Reader:
         return rows
 
     def frames(self, numbers: Iterable[int] | None = None) -> Iterator[np.ndarray]:
-        """Yield the frames of chunks as arrays of FRAME. numbers : of the chunks; by default all with frames"""
+        """Yield the frames of chunks as arrays of FRAME. numbers : numbers of the chunks; by default all with frames"""
         numbers, decode = self.with_messages(self.layout.buses) if numbers is None else numbers, self.decoder()
         yield from self.ahead(decode, numbers, FRAMES_GROWTH)
 
@@ -363,7 +363,7 @@ class Reader:
 def admitted(chunks: list[Chunk], size: int) -> tuple[int, str]:
     """Return (how many of the chunks are read, why not the others as the end of a sentence).
 
-    size : of the file, in bytes
+    size : size of the file, in bytes
     """
     expansion = ExpansionLimit(size)
     for number, chunk in enumerate(chunks):
@@ -379,7 +379,7 @@ def placed(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:
     """Return (rows, contents) of those message records that belong to rows.
 
     records : their `sequence` has the low 32 bits of a tick
-    ticks : of the rows, at least one
+    ticks : ticks of the rows, at least one
     """
     numbers = ticks[0] + (records["sequence"].astype(np.int64) - ticks[0]) % 2**32
     own = numbers <= ticks[-1]

@@ -317,7 +317,7 @@ def finish(path: str, progress: Callable[[float], None] = lambda share: None) ->
 class Backlog:
     """Incomplete files of earlier parts: scanned while the recorder is idle, completed at the end of the run.
 
-    paths : of the files
+    paths : paths of the files
     """
 
     def __init__(self, paths: list[str]) -> None:

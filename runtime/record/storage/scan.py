@@ -89,7 +89,7 @@ class Scan:
     """Scan of one file.
 
     stream : file, unbuffered
-    size : of the file, in bytes
+    size : size of the file, in bytes
     progress : called with the fraction that has been scanned
 
     contents : Contents
@@ -200,7 +200,7 @@ class Scan:
         return end
 
     def is_expected(self, kind: int, at: int, end: int) -> bool:
-        """Return whether a record of a kind can be at a position. end : of the record"""
+        """Return whether a record of a kind can be at a position. end : end of the record"""
         if kind == FOOTER:
             return end + len(MAGIC) == self.size
         if kind == HEADER:
@@ -235,7 +235,7 @@ class Scan:
             contents.finished = True
 
     def chunk(self, at: int, end: int) -> int | None:
-        """Take a chunk. end : of its record. Returns as `record`"""
+        """Take a chunk. end : end of its record. Returns as `record`"""
         head, compression, expanded, _, stored = head_of(self.bytes_at(at, HEAD_LIMIT))
         if end > self.size:
             if not compression:
@@ -279,7 +279,7 @@ class Scan:
         The checksum is None for a file of an earlier version, and one that was cut within the messages of the last
         flush: all are then used, as unverified ones.
 
-        head : of the chunk, in the file
+        head : offset of the chunk's head in the file
         content : messages
         """
         is_room = head[:1] in (bytes([ROOM]), bytes([STREAM]))
@@ -299,7 +299,7 @@ class Scan:
         """Take messages that are not in a chunk, or in one that the end of the file cuts. Returns as `record`.
 
         at : of their chunk, if any
-        begin : of the first message
+        begin : offset of the first message
         """
         window, limit = WINDOW, RECORD_LIMIT
         head = self.bytes_at(at, begin - at)

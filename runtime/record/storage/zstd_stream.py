@@ -16,7 +16,7 @@ END = b"\1\0\0"  # an empty last block
 
 
 class Compressor:
-    """Compressor of one zstd frame. level : of zstd"""
+    """Compressor of one zstd frame. level : compression level of zstd"""
 
     def __init__(self, level: int) -> None:
         from zstandard import ZstdCompressionParameters, ZstdCompressor
@@ -49,7 +49,7 @@ def raw_blocks(data: bytes) -> bytes:
 def is_torn(data: bytes) -> bool:
     """Return whether the rest of a file begins with an incomplete block, or one whose end is zeros after a power cut.
 
-    data : from the end of the last valid block to the end of the file
+    data : bytes from the end of the last valid block to the end of the file
     """
     size = BLOCK_HEAD + (int.from_bytes(data[:BLOCK_HEAD], "little") >> 3)
     return len(data.rstrip(b"\0")) < size

@@ -39,10 +39,10 @@ class PlantBuses:
     """Ends of a plant's buses. Raises RigError with every problem that prevents opening them.
 
     rig : RigFile
-    names : of the buses, in the order of the plant's schedule
+    names : names of the buses, in the order of the plant's schedule
     chips : {name of an I2C bus: (device of the robot, its emulator) of each device}
 
-    remarks : for the operator
+    remarks : texts for the operator
     real : channels on which there may be real drives
     """
 
@@ -158,7 +158,7 @@ class PlantBuses:
         return [self.cans[name].end for name in self.names]
 
     def explain(self, name: str) -> str:
-        """Return why a bus has failed. name : of the bus"""
+        """Return why a bus has failed. name : name of the bus"""
         cause = self.cans[name].trouble
         if name in self.carried and self.carrier is not None and not self.carrier.alive:
             return "the process that carries its frames has ended"

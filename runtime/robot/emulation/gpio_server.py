@@ -24,7 +24,7 @@ KIND = struct.Struct("=QI")
 class GpioServer(SocketServer):
     """Thread that sends the edges of one line to the run, and the level set by the run to the plant.
 
-    name : of the device; chip, pin and the others : of its `opening`
+    name : name of the device; chip, pin and the others : values of its `opening`
     Raises BadInput for a real chip, a socket that cannot be made, or one of a running emulator.
     """
 

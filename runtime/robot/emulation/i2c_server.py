@@ -23,8 +23,8 @@ ANSWER_TIMEOUT = 0.1  # s without an answer of its emulator after which a chip d
 class EmulatedChip:
     """Registers of one device.
 
-    device : of the robot
-    emulator : of the plant, which supplies the answers
+    device : device of the robot
+    emulator : emulator of the plant, which supplies the answers
     """
 
     def __init__(self, device: I2cDevice, emulator: I2cDevice) -> None:

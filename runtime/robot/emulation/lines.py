@@ -27,7 +27,7 @@ GPIO = "gpio"  # kind of line that a socket can replace
 def lines_of(robot: Diagram, schedule: Schedule, *kinds: str) -> dict[str, StreamDevice]:
     """Return {name: StreamDevice of `robot`} of those buses of the plant that are lines of these kinds.
 
-    schedule : of the plant
+    schedule : schedule of the plant
     """
     devices = {block.bus: block for block in robot if isinstance(block, StreamDevice) and block.line in kinds}
     return {name: devices[name] for name in schedule.buses if name in devices}
@@ -36,8 +36,8 @@ def lines_of(robot: Diagram, schedule: Schedule, *kinds: str) -> dict[str, Strea
 class EmulatedLines:
     """Pseudo-terminals, network senders and GPIO servers of lines.
 
-    names : of the lines with a terminal
-    folder : of links to the terminals, with the same names at every start, or None
+    names : names of the lines with a terminal
+    folder : folder of links to the terminals, with the same names at every start, or None
     senders : {name: NetworkSender} of the network lines, which `close` ends
     servers : {name: GpioServer} of the GPIO lines, which `close` ends
 

@@ -20,7 +20,8 @@ class NetworkSender(threading.Thread):
     An emulator writes a message in parts, over several steps of the plant; the thread joins them. Datagrams are
     lost while no program receives them, as those of a real sender. A client that does not read is disconnected.
 
-    transport, address : of the robot's device or bus. With "udp" the run listens there, with "tcp" this server does
+    transport, address : transport and address of the robot's device or bus. With "udp" the run listens there, with
+        "tcp" this server does
     message_bytes : size of each message
     sender : address from which datagrams are sent, "" for any
     key : that signs datagrams (runtime.host.signed_datagrams), or None

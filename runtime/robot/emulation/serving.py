@@ -27,8 +27,8 @@ CATCH_UP_LIMIT = 100  # steps that run late after a delay
 class Service:
     """Plant in real time.
 
-    schedule : of the plant
-    ends : of its buses, in the order of the schedule
+    schedule : schedule of the plant
+    ends : ends of its buses, in the order of the schedule
     bitrate : bit/s, to which each bus is slowed down; None for no limit
     """
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class SocketServer(threading.Thread, ABC):
     """Thread between the emulators of a plant and the runs that connect to a socket.
 
-    path : of the socket
+    path : path of the socket
 
     lines : frames to and from the emulators
     clients : connected runs

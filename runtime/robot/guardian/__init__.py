@@ -293,7 +293,7 @@ class GuardianProcess(ChildProcess):
             self._wires[index] = Wire()
 
     def _open_again(self, stop, buses):
-        """Open the interfaces again over which a safe stop cannot send. buses : of the plan"""
+        """Open the interfaces again over which a safe stop cannot send. buses : buses of the plan"""
         for index in stop.lost:
             with suppress(CannotOpen):
                 again = open_wire(buses[index], again=True)
@@ -331,9 +331,9 @@ def plan(buses: list[PlanBus], schedule: Schedule, priority: int | None, relays:
     """Return the guardian's plan.
 
     buses : CAN buses, in the order of the schedule
-    schedule : of the robot on its rig
-    priority : of the loop's SCHED_FIFO, or None
-    relays : of charge pumps
+    schedule : schedule of the robot on its rig
+    priority : SCHED_FIFO priority of the loop, or None
+    relays : relays of charge pumps
     """
     place = {
         bus: number

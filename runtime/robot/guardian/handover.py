@@ -41,18 +41,19 @@ def peer_of(link: socket.socket) -> tuple[int, int]:
 
 
 def beside(name: bytes) -> bytes:
-    """Return the name at which a bus is handed over. name : of its lock"""
+    """Return the name at which a bus is handed over. name : name of the bus's lock"""
     return name.replace(b"\0tickwork/bus/", b"\0tickwork/stop/", 1)
 
 
 class Offer:
     """Offer of a bus whose safe stop continues.
 
-    name : of its lock
+    name : name of the bus's lock
 
     Raises ConnectionRefusedError if there is none, OSError if its process does not answer.
 
-    drives : names of the drives that have not confirmed; identifiers : of their stop frames, with flag bits
+    drives : names of the drives that have not confirmed
+    identifiers : identifiers of the drives' stop frames, with flag bits
     """
 
     def __init__(self, name: bytes) -> None:
@@ -83,7 +84,7 @@ class Offer:
 
 
 class Successor:
-    """The new run's end of a handover, in its guardian. descriptor : of the connection"""
+    """The new run's end of a handover, in its guardian. descriptor : file descriptor of the connection"""
 
     def __init__(self, descriptor: int) -> None:
         self.link = socket.socket(fileno=descriptor)
@@ -103,7 +104,7 @@ class Successor:
 
 
 class Handover:
-    """Offer of the buses of a safe stop that continues. locks : of the plan; `begin` makes the offer"""
+    """Offer of the buses of a safe stop that continues. locks : locks in the plan; `begin` makes the offer"""
 
     def __init__(self, locks: Iterable[PlanLock]) -> None:
         self._locks = list(locks)

@@ -48,10 +48,10 @@ class BusLock:
     """Exclusive right to command a bus, from construction until `close`. Raises BusTaken.
 
     interface, channel : names of python-can
-    identifiers : with flag bits, of the stop frames of a run, which takes the bus over from a safe stop that continues
-        if it has all of its drives; None for another process
+    identifiers : identifiers with flag bits of the stop frames of a run, which takes the bus over from a safe stop that
+        continues if it has all of its drives; None for another process
 
-    name : of the lock; handover : connection to the process of that stop, or None
+    name : name of the lock; handover : connection to the process of that stop, or None
     """
 
     def __init__(self, interface: str, channel: str, identifiers: Collection[int] | None = None) -> None:

@@ -85,7 +85,7 @@ class PlanDevice(TypedDict):
 
 
 class PlanRelay(TypedDict):
-    """Relay of a charge pump. descriptor : of its line; frames : two in hex digits; hold : s"""
+    """Relay of a charge pump. descriptor : that of its line; frames : two frames in hex digits; hold : hold time, s"""
 
     descriptor: int
     gpio: bool

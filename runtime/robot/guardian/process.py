@@ -394,7 +394,7 @@ class Guardian:
     def receive(self, index: int) -> None:
         """Pass received frames of a carried bus to the loop, and to a safe stop in progress.
 
-        index : of the bus in the plan
+        index : index of the bus in the plan
         """
         before = time.monotonic_ns()
         frames = self.wires[index].receive()
@@ -499,7 +499,7 @@ def _cause(verdict):
 def _obtain_privileges(priority):
     """Request privileges that protect the guardian from other processes. Returns a list of those granted.
 
-    priority : of SCHED_FIFO, None for an ordinary process
+    priority : SCHED_FIFO priority, None for an ordinary process
     """
     granted = []
     realtime.set_timer_slack(1)

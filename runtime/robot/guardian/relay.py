@@ -22,7 +22,7 @@ VALUES = struct.Struct("=QQ")
 class Relay:
     """Relay of a charge pump.
 
-    relay : of the plan (runtime.robot.guardian)
+    relay : entry of the plan (runtime.robot.guardian)
     changed : ns of CLOCK_MONOTONIC of the loop's last change of the line
     """
 

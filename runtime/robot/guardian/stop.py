@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 class SafeStop:
     """One safe stop, step by step.
 
-    devices : of the plan (runtime.robot.guardian)
+    devices : devices in the plan (runtime.robot.guardian)
     wires : {index of the bus: wire of runtime.robot.guardian.wires}
     now : ns of CLOCK_MONOTONIC at which it begins
     moving : whether the actuators may be under torque, and are damped if configured
@@ -151,7 +151,7 @@ class SafeStop:
         """Handle a received frame other than an echo.
 
         bus : index in the plan
-        identifier : with the flag bits of struct can_frame
+        identifier : identifier with the flag bits of struct can_frame
         now, since : ns of CLOCK_MONOTONIC, now and of its earliest arrival; `now` by default
         """
         for name, damped in self.damped.items():

@@ -67,7 +67,7 @@ class Wire:
         return None
 
     def listen(self, replies: Sequence[EncodedReply]) -> None:
-        """Receive these replies from here on, where the interface has filters. replies : of the plan"""
+        """Receive these replies from here on, where the interface has filters. replies : replies in the plan"""
 
     def receive(self) -> list[tuple[int, bytes, int]]:
         """Return received frames as (identifier, data, arrival in ns of CLOCK_MONOTONIC).
@@ -77,7 +77,7 @@ class Wire:
         return []
 
     def send(self, identifier: int, data: bytes) -> bool:
-        """Send a frame and return whether the interface accepted it. identifier : with the flag bits"""
+        """Send a frame and return whether the interface accepted it. identifier : identifier with the flag bits"""
         return False
 
     def close(self) -> None:

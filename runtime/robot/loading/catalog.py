@@ -45,7 +45,7 @@ class Library:
 def catalog(name: str | None = None, library: str | None = None, models: bool = False) -> list[str]:
     """Return the lines of the catalogue. Raises BadInput.
 
-    name : of a block or family to describe; None lists all blocks
+    name : name of a block or family to describe; None lists all blocks
     library : list only the blocks of this distribution
     models : list the models of actuators instead
     """
@@ -82,7 +82,7 @@ def libraries() -> list[Library]:
 def read(name: str, places: Sequence[str]) -> Library:
     """Import the modules of a library. Returns a Library.
 
-    name : of the distribution
+    name : name of the distribution
     places : names of the modules at the top of the library
     """
     modules, broken = [], []

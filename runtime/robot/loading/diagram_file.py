@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class DiagramFile:
     """Loaded diagram file: its module, and the parameters of its `build` and `plant`.
 
-    path : of the file; without one, the name of the Diagram
+    path : path of the file, or the name of a Diagram without one
     module : namespace with `diagram`, `build` or `plant`
     build_parameters, plant_parameters : {name: value} from the settings
     sha256 : hex digest of the source that was run; None without a file

@@ -60,7 +60,7 @@ def choose(form: str | None, output: str | None, name: str) -> tuple[str, Path |
     """Return (format, Path or None for standard output). Raises BadInput.
 
     form, output : as in `draw_file`
-    name : of the diagram, from which the name of the file is made
+    name : name of the diagram, which names the file
     """
     if output == "-" and form == "png":
         raise BadInput("a PNG cannot be written to standard output: name a file with -o")
@@ -89,7 +89,7 @@ def _save(target: Path, data: bytes) -> None:
 def rasterise(text: str, target: Path, scale: float = 2.0) -> None:
     """Write an SVG as PNG. Raises BadInput if the file cannot be written.
 
-    text : of the SVG
+    text : text of the SVG
     scale : px of the PNG per px of the SVG, reduced where a side would exceed PNG_SIZE_LIMIT
 
     The fonts are those of the system and, for a system without fonts, those that matplotlib contains.

@@ -51,7 +51,7 @@ def load(
 ) -> tuple[DiagramFile, Diagram]:
     """Read a diagram file and build its diagram.
 
-    path : of the file; or a Diagram, or a function that builds one
+    path : path of the file; or a Diagram, or a function that builds one
     settings, rig : as in `build`
     sha256 : hex digest of the only source that may be run; None for any
 
@@ -155,7 +155,7 @@ def without_diagram(file: DiagramFile) -> str:
 def compiled(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
     """Compile a diagram, select its recorded signals and reset its Python blocks once. Returns its Schedule.
 
-    path : of the diagram file, for messages
+    path : diagram file named in messages
 
     Raises DiagramError, and BadInput for an exception in user code.
     """
@@ -168,7 +168,7 @@ def compiled(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
 def blamed(path: str | os.PathLike[str], function: Callable[..., T], *arguments: Any) -> T:
     """Call a function that calls user code of blocks; an exception there becomes BadInput with its line.
 
-    path : of the diagram file
+    path : path of the diagram file
     """
     try:
         return function(*arguments)

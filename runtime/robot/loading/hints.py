@@ -37,7 +37,7 @@ DIAGRAM_METHODS = {
 
 
 def hint(path: str | os.PathLike[str], error: BaseException) -> str:
-    """Return the remedy for an exception of user code, or "". path : of the diagram file"""
+    """Return the remedy for an exception of user code, or "". path : path of the diagram file"""
     if damaged := damaged_cache(error):
         return damaged
     if isinstance(error, ImportError):
@@ -77,7 +77,7 @@ def import_of(name: str) -> str:
 
 
 def for_name(name: str, names: Mapping[str, Any]) -> str:
-    """Return the remedy for an undefined name. names : that are defined, with their values"""
+    """Return the remedy for an undefined name. names : names that are defined, with their values"""
     block = names.get("self")
     if isinstance(block, Block) and name in block.parameters:
         return f"it is a parameter: read self.{name}"
@@ -139,8 +139,8 @@ def for_attribute(error: AttributeError) -> str:
 def for_type(text: str, names: Mapping[str, Any]) -> str:
     """Return the remedy for a TypeError.
 
-    text : of the error
-    names : that are visible where it was raised, with their values
+    text : text of the error
+    names : names that are visible where the error was raised, with their values
     """
     kinds = [names[word] for word in re.findall(r"\w+", text) if isinstance(names.get(word), type)]
     kind = next(iter(kinds), object)

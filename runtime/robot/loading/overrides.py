@@ -193,7 +193,7 @@ def _seed_of(block: Block, seed: int) -> int:
 
 
 def restore(replaced: Sequence[Replaced]) -> None:
-    """Restore parameters to their previous values. replaced : as returned by the functions above"""
+    """Restore parameters to their previous values. replaced : values as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
         put_value(block, parameter, before)
     for block in dict.fromkeys(block for block, *_ in replaced):
@@ -213,7 +213,7 @@ def put_value(block: Block, parameter: str, value: Any, source: str = "") -> Non
 def other_family(settings: Sequence[str]) -> str:
     """Return the remedy for a model of another family than that of its block, "" without one.
 
-    settings : of the block, as NAME=VALUE
+    settings : settings of the block, as NAME=VALUE
     """
     from blocks.families import find_model
 

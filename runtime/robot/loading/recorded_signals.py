@@ -80,7 +80,7 @@ def everything(schedule: Schedule) -> dict[str, Any]:
 def recorded_of_plant(schedule: Schedule, names: str, first: int) -> dict[str, Any]:
     """Return signals of a plant that are recorded with those of its robot: its fields `columns` and `recorded`.
 
-    names : of signals or blocks, as in runtime.robot.loading.signal_selection.select; "" for none
+    names : signals or blocks, as in runtime.robot.loading.signal_selection.select; "" for none
     first : number of the robot's columns, before those of the plant
 
     Raises BadInput for a name without a signal.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def require_acceptance(path: Path, caveats: Sequence[Caveat], accepted: Sequence[str]) -> None:
     """Raise RigError for each caveat that is not accepted, and BadInput for an acceptance without a caveat.
 
-    path : of the rig file; caveats : of the schedule; accepted : names of --accept
+    path : path of the rig file; caveats : caveats of the schedule; accepted : names passed to --accept
     """
     names = [caveat.name for caveat in caveats]
     for name in accepted:

@@ -124,7 +124,7 @@ def continuous_current(winding: Winding) -> float | None:
 def require_supply(battery: Battery | None, diagram: Diagram, path: Path) -> None:
     """Raise RigError for each drive that a battery would damage: its full voltage exceeds the supply range.
 
-    path : of the rig file
+    path : path of the rig file
     """
     if battery is None:
         return
@@ -174,7 +174,7 @@ def overloads(battery: Battery, drives: Mapping[str, Winding]) -> Iterable[RigPr
 def _unknowns(battery: Battery, path: str, winding: Winding) -> Iterable[RigProblem]:
     """Yield a RigProblem for each property of a drive that no source states, and that is not compared for that reason.
 
-    path : of the drive
+    path : path of the drive
     """
     if not winding.supply:
         yield RigProblem(

@@ -81,7 +81,7 @@ class RigBuses:
 
     rig : RigFile
     robot : Diagram, as the rig has it
-    names : of the buses, in the order of the schedule
+    names : names of the buses, in the order of the schedule
     """
 
     def __init__(self, rig: RigFile, robot: Diagram, names: Sequence[str], machine: Machine | None = None) -> None:
@@ -194,7 +194,7 @@ class RigBuses:
     def watch(self, shared: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
         """Start the guardian, which opens the remaining interfaces. Raises RigError.
 
-        shared : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
+        shared : shared state of the run; robot : Diagram; priority : SCHED_FIFO priority of the loop, or None
         """
         relays: list[PlanRelay] = [
             {
@@ -251,7 +251,7 @@ class RigBuses:
                 self.descriptors.keep(f"the socket of bus {name}", bus.interface.socket.fileno())
 
     def start_sensors(self, priority: int) -> None:
-        """Start the threads that read devices other than CAN. priority : of SCHED_FIFO if granted, else 0"""
+        """Start the threads that read devices other than CAN. priority : SCHED_FIFO priority if granted, else 0"""
         self.streams.start(priority)
         for name, bus in self.buses.items():
             if self.media[name] == "i2c":
@@ -368,7 +368,7 @@ class RigBuses:
         ]
 
     def line(self, name: str) -> str:
-        """Return the port of a serial line, and whether it is connected, as text. name : of the bus"""
+        """Return the port of a serial line, and whether it is connected, as text. name : name of the bus"""
         bus = self.buses[name]
         counts = self.after[name] if hasattr(self, "after") else bus.can.counts
         lost, back = counts["losses"], counts["returns"]
@@ -382,7 +382,7 @@ class RigBuses:
         return f"{bus.interface.bus.channel}{gone}{other}"
 
     def explain(self, name: str) -> tuple[str, str]:
-        """Return (why a bus failed, remedy). name : of the bus"""
+        """Return (why a bus failed, remedy). name : name of the bus"""
         bus = self.buses[name].interface.bus
         if isinstance(self.buses[name].can, Line):
             reason = (self.report or {}).get("troubles", {}).get(name) or "it accepts no frames"

@@ -22,7 +22,7 @@ FRAGILE = {*range(0x30, 0x38), *range(0x50, 0x60)}
 
 
 class NoAnswer(Exception):
-    """No acknowledge from an address. error : OSError; address : of the chip; mux : whether it is a multiplexer"""
+    """No acknowledge from an address. error : OSError; address : that of the chip; mux : whether it is a multiplexer"""
 
     def __init__(self, error: OSError, address: int, mux: bool = False) -> None:
         super().__init__(f"{address:#04x}: {error}")

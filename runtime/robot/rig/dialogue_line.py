@@ -108,7 +108,7 @@ class Seen:
     kinds : classes of graph.StreamDevice
 
     open : {path: Sensor}
-    problems : of ports that could not be opened
+    problems : problems of the ports that could not be opened
     silent : paths of ports without an answer
     """
 

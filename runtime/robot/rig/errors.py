@@ -64,7 +64,7 @@ class RigProblem:
 
 
 class RigError(BadInput):
-    """A rig that cannot be used. path : of the rig file; problems : its RigProblems"""
+    """A rig that cannot be used. path : path of the rig file; problems : RigProblems of the file"""
 
     def __init__(self, path: str | Path, problems: Iterable[RigProblem]) -> None:
         self.problems = tuple(problems)

@@ -30,7 +30,7 @@ def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | R
 
 
 def open_line(path: str, device: str) -> Opened:
-    """Open an input device. path : of the block, for messages. Raises Refused."""
+    """Open an input device. path : block named in messages. Raises Refused."""
     name = f'[device."{path}"] device = "{device}"'
     if not device:
         raise Refused(

@@ -71,7 +71,7 @@ def read(path: str | Path) -> RigFile:
 
 
 def parse(path: str | Path, text: str) -> RigFile:
-    """Parse the text of a rig file. path : for messages. Raises RigError."""
+    """Parse the text of a rig file. path : file named in messages. Raises RigError."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

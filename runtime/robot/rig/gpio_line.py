@@ -38,7 +38,7 @@ def opened(
 ) -> Opened:
     """Request a GPIO line. Raises Refused.
 
-    path : of the device, for messages
+    path : device named in messages
     chip : device file, such as /dev/gpiochip0, or unix:PATH for `emulate`
     pin : name of the line, or its number on the chip
     active_low : whether a low level is 1
@@ -86,7 +86,7 @@ def socket_path(chip: str, pin: str) -> str:
 def open_emulated(name: str, path: str, output: bool) -> Opened:
     """Connect to a line of `emulate`, and wait for the level of an input. Raises Refused.
 
-    name : of the line, for the message
+    name : line named in the message
     """
     end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     level = None

@@ -46,7 +46,7 @@ class I2cInterface:
     """Bus with all its devices set up. Raises SeveralRefused with the problems of its devices.
 
     bus : RigBus
-    devices : that are on it
+    devices : devices on the bus
     opened : return value of `open_adapter` for that bus
 
     wires : cext.lines.i2c.I2cBus
@@ -233,7 +233,7 @@ class I2cInterface:
     end = property(lambda self: self.wires.end)
 
     def start(self, priority: int) -> None:
-        """Start the thread that reads the devices. priority : of SCHED_FIFO if granted, else 0"""
+        """Start the thread that reads the devices. priority : SCHED_FIFO priority if granted, else 0"""
         self.wires.start(priority)
 
     def close(self) -> None:
@@ -255,7 +255,7 @@ def error_in_words(error: int) -> str:
 
 
 def exchange(transfer: Transfer, address: int) -> tuple[Any, ...]:
-    """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add. address : of the device"""
+    """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add. address : address of the device"""
     steps = tuple(
         (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
     )
@@ -294,7 +294,7 @@ def open_adapter(bus: RigBus) -> tuple[Chips, I2cAdapter]:
 def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
     """Connect to the chips of `emulate`. Returns (Chips, SocketAdapter). Raises Refused.
 
-    name : of the bus, for the message
+    name : bus named in the message
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as end:
         try:
@@ -309,7 +309,7 @@ def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
 
 
 def in_words(name: str, path: str, error: OSError) -> RigProblem:
-    """Return a RigProblem that explains why a bus cannot be opened. name : of the bus, for the message"""
+    """Return a RigProblem that explains why a bus cannot be opened. name : bus named in the message"""
     if error.errno in (errno.EACCES, errno.EPERM):
         return RigProblem("TW132", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
@@ -320,7 +320,7 @@ def in_words(name: str, path: str, error: OSError) -> RigProblem:
 
 
 def known(folder: str = "/dev") -> str:
-    """Return a hint that lists the I2C buses of this machine. folder : of the device files"""
+    """Return a hint that lists the I2C buses of this machine. folder : folder of the device files"""
     there = paths(folder)
     return (f"there is {', '.join(there)}; " if there else "no I2C bus is enabled; ") + ENABLE
 

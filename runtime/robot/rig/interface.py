@@ -42,7 +42,7 @@ class Interface:
     machine : runtime.host.machine.probe.Machine, for the checks
 
     socket : bound
-    virtual, remarks : of its Fitness
+    virtual, remarks : fields of the interface's Fitness
     strangers : Strangers, or None if everything is received
 
     Raises Refused.

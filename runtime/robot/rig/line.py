@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Opened:
     """A line that is open and set up.
 
-    fd : of the line, which the caller now owns; close : called once nothing reads it any more, or None
+    fd : file descriptor of the line, which the caller now owns; close : called once nothing reads it any more, or None
     channel : name of the line in messages
     path : where it can be opened again, "" for nowhere; setup : messages sent again after that; record, is_gpio, level,
         reconnects, proof : as in cext.lines.streams.Streams.add

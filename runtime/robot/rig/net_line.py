@@ -33,7 +33,7 @@ def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | R
 
 
 def open_line(path: str, transport: str, address: str) -> Opened:
-    """Open a network line. path : of the device, for messages. Raises Refused."""
+    """Open a network line. path : device named in messages. Raises Refused."""
     name = f'[device."{path}"] address = "{address}"'
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:

@@ -49,7 +49,7 @@ def _other_bitrates(rig, devices):
 
 
 def _unmapped(rig, names):
-    """Yield a RigProblem for each bus of the diagram without an interface. names : of its buses"""
+    """Yield a RigProblem for each bus of the diagram without an interface. names : names of the rig's buses"""
     for name in sorted(names - rig.buses.keys()):
         near = suggestion(name, rig.buses.keys() - names)
         yield RigProblem(

@@ -68,7 +68,7 @@ def with_serial(device_path: str, digits: str) -> str:
 def open_port(device_path: str, path: str | Path, baudrate: int, timeout: float = 0.0) -> Serial:
     """Open a port for exclusive use. Raises Refused with the cause.
 
-    device_path : of the device behind it, for messages; "" for none
+    device_path : path of the device at the port, for messages; "" for none
     baudrate : bit/s
     timeout : s that a read waits
     """

@@ -34,7 +34,7 @@ OTHER_READINGS_LIMIT = 4  # in a message
 class Poses:
     """Positions of the joints of a robot.
 
-    diagram, schedule : of the robot on its rig
+    diagram, schedule : diagram and schedule of the robot on its rig
     stated : {path: rad} that the operator states
     refusals : {path: reason not to arm} of the newest `look`
 

@@ -34,7 +34,7 @@ def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | R
 
 
 def opened(device: StreamDevice, options: Mapping[str, Any]) -> Opened:
-    """Open the port of a device and send its set-up. options : of `opening`. Raises Refused."""
+    """Open the port of a device and send its set-up. options : options as returned by `opening`. Raises Refused."""
     path = options.get("port") or ports.with_serial(device.path, options.get("serial", ""))
     port = ports.open_port(device.path, path, options.get("baudrate", BAUDRATE))
     for message in options.get("setup", ()):

@@ -27,7 +27,7 @@ def look_at_port(bus: RigBus, folder: str = "/dev") -> None:
     """Raise Refused if the channel of a bus is a device that cannot be opened. Ignores other channels.
 
     bus : RigBus
-    folder : of the device files
+    folder : folder of the device files
     """
     path = bus.channel.partition("@")[0]  # slcan's "PORT@BAUDRATE"
     if not path.startswith("/"):

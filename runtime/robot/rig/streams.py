@@ -60,7 +60,7 @@ class StreamLines:
     devices : graph.StreamDevice of the robot on its rig
 
     lines : {name of the bus: (StreamInterface, cext.lines.streams.Stream)} of the lines that could be opened
-    problems : of the others
+    problems : problems of the other devices
     settings : {path of a device: {name: text}} of what was read back
     """
 
@@ -100,7 +100,7 @@ class StreamLines:
         )
 
     def start(self, priority: int) -> None:
-        """Start to read. priority : of SCHED_FIFO if granted, else 0"""
+        """Start to read. priority : SCHED_FIFO priority if granted, else 0"""
         if self.streams is not None:
             self.streams.start(priority)
 

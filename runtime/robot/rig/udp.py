@@ -64,7 +64,7 @@ class UdpInterface:
     """Bound UDP socket. Raises Refused with the cause.
 
     bus : RigBus; its `peer`, if any, is the destination, and the only accepted source
-    devices : on the bus
+    devices : devices on the bus
 
     socket, remarks, virtual, strangers : as runtime.robot.rig.interface.Interface has them
     """

@@ -38,7 +38,7 @@ ROUNDS_OF_CALL = 500
 def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[int]]:
     """Time a bus over UDP on the loopback interface.
 
-    frames : per tick, received and sent
+    frames : frames received and sent per tick
     rounds : ticks
 
     Returns (ns of each tick's receive and send through a bus, ns of the two system calls alone).

@@ -129,7 +129,7 @@ def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder
     seconds : duration
     python_blocks : number of Python blocks
     realtime : as in `--realtime`
-    folder : of the recording
+    folder : folder of the recording
     """
     made = diagram(rate, python_blocks)
     schedule = compile(made)

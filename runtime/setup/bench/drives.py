@@ -32,7 +32,7 @@ def reply(motor: int, data: bytes | bytearray) -> bytes:
     """Return the reply of a drive at zero that produces the commanded torque: 30 °C, no error.
 
     motor : id
-    data : of the command
+    data : data of the command
     """
     special = data[:7] == b"\xff" * 7
     torque = NO_TORQUE if special else (data[6] & 15) << 8 | data[7]

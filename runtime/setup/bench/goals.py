@@ -58,7 +58,7 @@ class Goal:
 
 
 def of_blocks(rows: dict[str, dict[str, float]]) -> list[Goal]:
-    """Return the goals of a chain of blocks. rows : of measure.table"""
+    """Return the goals of a chain of blocks. rows : rows as returned by measure.table"""
     return [
         Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns per block") for name, bound in CHAIN_NS.items()
     ]
@@ -67,7 +67,7 @@ def of_blocks(rows: dict[str, dict[str, float]]) -> list[Goal]:
 def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -> list[Goal]:
     """Return the goals of compiling.
 
-    compiles : of blocks.compiles, smallest first
+    compiles : values as returned by blocks.compiles, smallest first
     exponent : p of a time that grows as blocks^p
     n_log_n : p of a time that grows as n log n
     """
@@ -78,7 +78,7 @@ def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -
 
 
 def of_start(results: dict[str, tuple[Times, Times]]) -> list[Goal]:
-    """Return the goals of a start. results : of starting.measure"""
+    """Return the goals of a start. results : results as returned by starting.measure"""
     times, memory = results["run"]
     return [
         Goal("from process start to the first tick", times.median, START_MS, "ms"),
@@ -117,7 +117,7 @@ def of_costs(results: dict[str, float]) -> list[Goal]:
 
 
 def of_bus(results: dict[str, Any]) -> list[Goal]:
-    """Return the goals of a bus and of the guardian. results : of the command `bench bus`"""
+    """Return the goals of a bus and of the guardian. results : results of the command `bench bus`"""
     return [
         Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
         Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
@@ -125,7 +125,7 @@ def of_bus(results: dict[str, Any]) -> list[Goal]:
 
 
 def of_deaths(results: dict[str, Any]) -> list[Goal]:
-    """Return the goals of the deaths of processes. results : of the command `bench deaths`"""
+    """Return the goals of the deaths of processes. results : results of the command `bench deaths`"""
     killed = {name: each for name, each in results.items() if "killed" in name}
     return [
         *(Goal(f"{name}, p99", each["p99"], STOP_MS, "ms") for name, each in killed.items()),
@@ -134,7 +134,7 @@ def of_deaths(results: dict[str, Any]) -> list[Goal]:
 
 
 def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
-    """Return the goals of drives on CAN. results : of the command `bench can`"""
+    """Return the goals of drives on CAN. results : results of the command `bench can`"""
     return [
         Goal("eight drives, without system calls", results["native_us"]["p50"], DRIVES_US, "µs per tick"),
         Goal(
@@ -147,7 +147,7 @@ def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
 
 
 def of_sensors(results: Mapping[str, Any]) -> list[Goal]:
-    """Return the goals of inertial sensors. results : of sensors.summary"""
+    """Return the goals of inertial sensors. results : results as returned by sensors.summary"""
     return [
         Goal("eight sensors, share of one processor", results["processor"], SENSORS_SHARE, ""),
         Goal("packets lost or corrupt", results["lost"] + results["corrupt"] + results["overflows"], 0, ""),

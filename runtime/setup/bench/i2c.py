@@ -19,9 +19,9 @@ class Cost:
     """Cost of the thread of an I2C bus.
 
     processor : share of one
-    exchanges : per second, including switches of the multiplexer
+    exchanges : exchanges per second, including switches of the multiplexer
     each : s of one exchange
-    answers : per second
+    answers : answers per second
     """
 
     processor: float

@@ -20,7 +20,7 @@ def main(rate: str, count: str, *descriptors: str) -> None:
 
     rate : steps per second
     count : motors on each bus
-    descriptors : of a socket per bus
+    descriptors : file descriptors of one socket per bus
     """
     typical = benchmark("can")
     with Diagram("motors", rate=float(rate)) as motors:

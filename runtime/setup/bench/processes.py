@@ -31,7 +31,7 @@ def emulation(
     """Context manager of a process that emulates devices. Raises OSError if it does not start.
 
     module : prints a line when its devices are ready
-    what, remedy : for the message, such as "drives" and ". Check that ..."
+    what, remedy : text of the message, such as "drives" and ". Check that ..."
     descriptors : file descriptors that the process inherits under the same numbers
     """
     process = subprocess.Popen(

@@ -53,7 +53,7 @@ def measure(csv: bool, ticks: int = 20_000, compression: str = "zstd") -> tuple[
     """Return (s of processor time per tick, bytes per tick of the .mcap file).
 
     csv : whether a CSV file is written as well
-    compression : of the .mcap file
+    compression : compression of the .mcap file
     """
     sink = {"service": "csv", "path": "csv", "parameters": {}, "columns": columns()}
     with tempfile.TemporaryDirectory() as folder:

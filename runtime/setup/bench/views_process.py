@@ -53,7 +53,7 @@ def chunk(viewed: bool, seconds: float, realtime: str, folder: Path, port: int) 
     viewed : whether with all recorders and viewers
     seconds : duration
     realtime : as in `--realtime`
-    folder : of the recording
+    folder : folder of the recording
     port : UDP port to which PlotJuggler's packets are sent
     """
     made = diagram(viewed, folder, port)

@@ -38,7 +38,7 @@ NO_CHIP_HINT = (
 class Chip:
     """Chip that responds on an I2C bus.
 
-    mux, channel : of the multiplexer, 0 without one
+    mux, channel : address and channel of the multiplexer, 0 without one
     name : "" if unknown
     how : register that identifies the chip
     block : prefix of the device's name in a rig file, "" without a block that reads the chip

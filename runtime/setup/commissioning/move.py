@@ -62,17 +62,17 @@ def build(
     """Return the Diagram.
 
     block : class name of the actuator block of a graph.family.Drive
-    model : of the drive, in its family
+    model : name of the drive's model in its family
     bus, can_id : name of the bus, and address of the drive
     kind : quantity of the target: torque (N·m), position (rad) or velocity (rad/s)
     target : value that is approached
     limit : N·m, bound of the torque
     duration, rise : s, of the run and of the ramp to the target
     speed : rad/s, of the motion to a position
-    stiffness, damping : of the drive's control law, N·m/rad and N·m·s/rad
+    stiffness, damping : stiffness and damping of the drive's control law, N·m/rad and N·m·s/rad
     fastest : rad/s, velocity that ends the run
     rate : Hz
-    gear_ratio : of an additional gear between drive and joint
+    gear_ratio : gear ratio of an additional gear between drive and joint
     """
     drive = next(drive for family in families() for drive in family.drives if drive.block.__name__ == block)
     with Diagram("move", rate=rate) as diagram:

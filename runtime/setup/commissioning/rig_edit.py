@@ -18,7 +18,7 @@ HEADER = re.compile(r"^\s*\[")
 def changed(path: str | Path, text: str, device: str, values: Mapping[str, Any]) -> str:
     """Return the text of a rig file with new values for a device.
 
-    path : of the rig file, for messages
+    path : rig file named in messages
     text : present content
     device : path of the device
     values : {parameter: number, bool, text or list}

@@ -86,7 +86,7 @@ class Watched:
         return self.bus.ask(self.question, "disable", self.read, timeout=timeout, attempts=1)
 
     def columns(self, name: str) -> list[dict[str, str]]:
-        """Return the columns of `row`. name : of the drive"""
+        """Return the columns of `row`. name : name of the drive"""
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]
 
     def row(self, answer: Answer) -> list[float]:

@@ -52,7 +52,7 @@ class WatchedBlocks:
 
         data : bytes of the frame
         when : ns, time of its arrival
-        identifier : of the frame, with the flags of cext.abi
+        identifier : identifier of the frame, with the flags of cext.abi
 
         Returns {value returned by the decoder (cext.abi): count}.
         """

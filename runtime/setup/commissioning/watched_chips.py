@@ -117,7 +117,7 @@ class WatchedChips(WatchedBlocks):
 def recognised(bus: RigBus, places: Sequence[tuple[int, int, int]]) -> list[tuple[Any, tuple[int, int, int]]]:
     """Return [(class of the block, (mux, channel, address))]. Raises BadInput or Refused.
 
-    places : of the chips; empty for every known chip on the bus
+    places : places of the chips; empty for every known chip on the bus
     """
     chips, _ = open_adapter(bus)
     try:

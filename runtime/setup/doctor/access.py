@@ -37,7 +37,7 @@ def parts(machine: Machine, wants: Wants) -> list[str]:
 def _hotspot(name: str) -> str:
     """Return the part for an access point. The script asks for the password and does not contain it.
 
-    name : of letters, digits, dots, hyphens and underscores, as it is not quoted
+    name : letters, digits, dots, hyphens and underscores, because it is not quoted
     """
     return f"""\
 # Access point {name} on wlan0, from the next start on. wlan0 then joins no other network.

@@ -34,7 +34,7 @@ class Gone(Exception):
 
 
 def main(answers: int, control: int, descriptor: int) -> None:
-    """Run the process. answers : descriptor of a pipe; control : pidfd of the recorder; descriptor : of the socket"""
+    """Run the process. answers : descriptor of a pipe; control : pidfd of the recorder; descriptor : socket"""
     ignore_signals()
     os.nice(5)
     quiet()
@@ -125,7 +125,7 @@ class Orders:
 class Feed:
     """Rerun's recording of a run.
 
-    plan : of the run, with the fields of a Target as `target` and `path` of the file
+    plan : plan of the run, with the fields of a Target as `target` and the path of the file as `path`
     timeout : s to wait for the ports of a server
 
     notice : line for the terminal

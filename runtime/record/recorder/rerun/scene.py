@@ -23,10 +23,10 @@ LINE_LIMIT = 8  # visible lines of a plot without an actuator
 class Plot:
     """Plot of one subsystem.
 
-    title : of the subsystem
+    title : title of the subsystem
     entity : names from the outermost
     columns : indices in the row
-    labels, shown, colours : of each column
+    labels, shown, colours : label, visibility and colour of each column
     limits : [(label, value)]
     """
 
@@ -98,8 +98,8 @@ class Sensor:
 class Scene:
     """Scene of one diagram.
 
-    name : of the diagram
-    signals : as the plan of a recording has them
+    name : name of the diagram
+    signals : signals in the form of a recording's plan
     limits : {path: (lowest, highest)}
     """
 

@@ -155,7 +155,7 @@ class Stream:
             self.text(tick, tick / self.rate, text, level)
 
     def text(self, tick: int, time: float, text: str, level: str) -> None:
-        """Log a line of text. time : s; level : of Rerun, such as ERROR"""
+        """Log a line of text. time : s; level : Rerun's level, such as ERROR"""
         self.recording.set_time("time", duration=nanoseconds(time))
         self.recording.set_time("tick", sequence=int(tick))
         self.log(list(EVENTS), rr.TextLog(text, level=level))

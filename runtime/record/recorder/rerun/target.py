@@ -19,7 +19,7 @@ class Target:
     kind : "viewer", on this machine, started if none runs; "file"; "serve", for a browser; or "connect", to a viewer
         of another machine
     place : path of the file; address to serve on; or host
-    port : of the viewer, or of the server
+    port : port of the viewer or the server
     """
 
     kind: str

@@ -139,7 +139,7 @@ class CsvWriter(Service):
 
 
 def place_of(parameter: str, path: str, columns: list[dict[str, Any]]) -> int:
-    """Return the index of the column with a path. parameter : that names it. Raises BadInput."""
+    """Return the index of the column with a path. parameter : parameter that names the signal. Raises BadInput."""
     paths = [column["path"] for column in columns]
     if path not in paths:
         raise BadInput(
@@ -161,7 +161,7 @@ def name_of(file: str | None) -> str:
 
 
 class Lines:
-    """Converter of rows to lines of CSV. columns : of the sink"""
+    """Converter of rows to lines of CSV. columns : columns of the sink"""
 
     def __init__(self, columns: list[dict[str, Any]], delimiter: str = ",") -> None:
         self.delimiter = delimiter.encode()

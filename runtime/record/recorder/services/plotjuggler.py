@@ -159,7 +159,7 @@ class PlotJugglerSender(Service):
 class Message:
     """A nested dict that is built once and filled every tick.
 
-    columns : of the sink
+    columns : columns of the sink
     positions : their indices among the values of the sink
     """
 
@@ -207,7 +207,7 @@ class Message:
         return path
 
     def encode(self, time: float, values: Sequence[float]) -> bytes:
-        """Return the message as JSON. time : s; values : of the sink"""
+        """Return the message as JSON. time : s; values : values of the sink"""
         self.content[TIMESTAMP] = time
         for (container, key), position, kind in zip(self.places, self.positions, self.kinds):
             value = values[position]

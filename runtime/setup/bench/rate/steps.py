@@ -29,7 +29,7 @@ SETTLING = 2.5  # s after arming before replies are counted: enable frames may s
 class Simulated:
     """Steps on an in-memory bus with a bitrate, in virtual time.
 
-    make, upper : as in runtime.setup.bench.rate.robot.robot; bitrate in bit/s; seconds : of each step
+    make, upper : as in runtime.setup.bench.rate.robot.robot; bitrate in bit/s; seconds : duration of each step, s
     """
 
     def __init__(

@@ -83,7 +83,7 @@ def until_entered(motor: Motor, instruction: str) -> list[tuple[float, float]]:
 def at_rest(motor: Motor, name: str) -> float:
     """Return the mean angle in rad over STILL_TIME. Raises BadInput if the joint moves.
 
-    name : of the pose, for the message
+    name : pose named in the message
     """
     end, angles = time.monotonic() + STILL_TIME, []
     while time.monotonic() < end:
