@@ -84,7 +84,7 @@ class OnnxModel(Block):
     )
     provider = Param("cpu", "1", "execution provider of ONNX Runtime", choices=tuple(PROVIDERS))
 
-    valid = Output("1", "true if the outputs are of enough samples and not stale", dtype=bool)
+    valid = Output("1", "true if the outputs follow from enough samples and are not stale", dtype=bool)
     age = Output("s", "time since the newest sample that the outputs are computed from")
     overruns = Output("1", "number of results that were not ready in time", dtype=int)
     model = Memory(0.0, "address of the loaded model")

@@ -40,7 +40,7 @@ CODES = {
     "TW031": "missing library",
     "TW032": "block from a local file",
     "TW033": "periodic value at a smooth input",
-    "TW034": "limit behind an integral",
+    "TW034": "limit after an integral",
 }
 
 

@@ -34,7 +34,7 @@ def check_circles(compilation: Compilation) -> None:
             compilation.report(
                 "TW033",
                 f"{block.path}.{name} jumps between {low:.4g} and {high:.4g} {compilation.units[block, name]}, "
-                "which are one and the same, and each jump is taken for motion",
+                "which are the same value, and each jump is treated as motion",
                 reader,
                 input,
                 compilation.where(reader, input),
@@ -72,7 +72,7 @@ def check_windup(compilation: Compilation) -> None:
                 "continues, and later holds the command at that limit",
                 block,
                 name,
-                hint=f"give it the limits itself, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
+                hint=f"give the limits to the controller, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
                 severity="warning",
             )
 

@@ -31,7 +31,7 @@ def reason(path: Path, content: bytes, error: str, version: str) -> str:
             f"its weights are in {', '.join(missing)}, which is not beside it: copy both, or export the network with "
             "its weights inside, as torch.onnx.export(..., external_data=False) does"
         )
-    newer = f"ONNX Runtime {version} does not know: pip install --upgrade onnxruntime, or export the network with "
+    newer = f"ONNX Runtime {version} does not support: pip install --upgrade onnxruntime, or export the network with "
     if opset := re.search(r"[Oo]pset (\d+) is under development", error):
         return f"uses operators of opset {opset[1]}, which {newer}an older opset_version"
     if form := re.search(r"IR version: (\d+)", error):

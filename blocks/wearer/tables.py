@@ -109,7 +109,7 @@ def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray,
     cubic spline. ValueError
     """
     if person != 0 and motion != "walk":
-        raise ValueError(f"motion {motion!r} has only the average adult: leave person at 0, got {person!r}")
+        raise ValueError(f"motion {motion!r} is that of the average adult only: leave person at 0, got {person!r}")
     entries = family(MOTIONS[motion], person)
     below = [slower(entries[0], share * entries[0]["speed"]) for share in (0.0, *SLOWER)]
     knots = [*below, *entries]

@@ -81,7 +81,7 @@ class Walker(Block):
     strength = Param(
         1.0,
         "1",
-        "scale of the muscles' stiffness and damping against deviations; above 1 of those without delay only",
+        "scale of the muscles' stiffness and damping against deviations; above 1, only of those without delay",
         above=0.0,
         max=10.0,
         fixed=True,

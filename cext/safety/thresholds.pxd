@@ -13,11 +13,11 @@ cpdef enum:
     STOP_DAMP_ROUND = 2000000
     # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
-    # ns: longest period of the rounds that go on after it for drives that have not confirmed; it doubles to this value
+    # ns: longest period of the rounds that continue after it for drives that have not confirmed; it doubles to this value
     STOP_ROUND_MAXIMUM = 200000000
-    # s: time for which these rounds go on without an operator who can end them
+    # s: time for which these rounds continue without an operator who can end them
     STOP_UNATTENDED = 10
-    # s: time for which they go on after the control process has died, unless another run takes the bus
+    # s: time for which they continue after the control process has died, unless another run takes the bus
     STOP_ORPHANED = 60
     # ‰: largest torque of a drive at rest, of its rated torque, in addition to one code; measured currents of a
     #     disabled drive are not exactly zero

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Safe stop of devices: damping where a drive has it, then zero torque and disable until each device has confirmed.
 
-After STOP_LIMIT the rounds go on at a falling rate, for devices whose bus returns.
+After STOP_LIMIT the rounds continue at a falling rate, for devices whose bus returns.
 """
 
 from libc.stdint cimport int64_t

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
             raise BadInput("--stop and PATH=VALUE exclude each other: the run ends")
         shared = find(int(options.pid))
         earlier = stop(shared, int(options.pid))
-        what = "was being stopped already" if earlier else "was stopped"
+        what = "was already being stopped" if earlier else "was stopped"
         print_lines(
             [f"{table.read(shared).name} (process {options.pid}) {what} after tick {shared.statistics()['last_tick']}"]
         )

@@ -46,7 +46,7 @@ def check_memory(ticks: int, width: int) -> None:
     if need > MEMORY_SHARE * memory:
         raise BadInput(
             f"{ticks} ticks of {width - 2} signals need {need / 2**30:.1f} GiB of memory, and this machine has "
-            f"{memory / 2**30:.1f} GiB: run for a shorter time, or let the diagram's recorder take fewer signals"
+            f"{memory / 2**30:.1f} GiB: run for a shorter time, or record fewer signals in the diagram"
         )
 
 

@@ -1,4 +1,4 @@
-"""Comparison of a replay with its recording while both go on, in constant memory."""
+"""Comparison of a replay with its recording while both continue, in constant memory."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ class Request:
         default=None,
         type=number("--stop-for", "seconds", TIME_LIMIT),
         metavar="S",
-        help="on a rig: time for which the frames of a safe stop go on for drives that do not confirm it (default: "
+        help="on a rig: time for which a safe stop continues for drives that do not confirm it (default: "
         "until Ctrl-C; 10 s without a terminal)",
     )
     poses: dict[str, float] = option(

@@ -133,13 +133,13 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "Any of the above lasts longer.",
         {
             "a": "Ctrl-C, a closed terminal and every signal end in the safe stop.",
-            "b": "The space bar ends in the safe stop, also while the recorder is stopped or dead, the queue of "
-            "requests is full, or the terminal takes no output.",
+            "b": "The space bar ends in the safe stop, even while the recorder is stopped or dead, the queue of "
+            "requests is full, or the terminal accepts no output.",
             "c": "A press of the emergency-stop button, or its silence, ends the run before another command is sent. "
             "Two senders with one id end it too, because each would hide the silence of the other.",
             "d": "The stop is repeated until each drive has confirmed it: by torque or current near zero and, where it "
             "reports it, its disabled state, in as many replies as were asked for. Drives that have not confirmed "
-            "after 200 ms are named, and their frames go on.",
+            "after 200 ms are named, and their frames continue.",
             "e": "Where the network is not the robot's own, the button signs its frames. Others, changed ones and "
             "recorded ones do not count.",
         },

@@ -84,7 +84,7 @@ def test_a_limit_that_an_integral_does_not_know_is_a_warning(kind, limiter):
         return controlled(lambda **inputs: kind(kp=10.0, ki=20.0, unit="N*m", name="pid", **limits)(**inputs), limiter)
 
     [warning] = made()
-    assert warning.path == "pid" and warning.hint == "give it the limits itself, as in lower=-9, upper=9"
+    assert warning.path == "pid" and warning.hint == "give the limits to the controller, as in lower=-9, upper=9"
     assert len(made(lower=-20.0, upper=20.0)) == 1
     assert made(lower=-9.0, upper=9.0) == [] == made(lower=-5.0, upper=5.0)
 

@@ -102,7 +102,7 @@ def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> A
     else:
         answer.fault = frames.in_words(error) if error else ""
         answer.notes.append(
-            "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the "
+            "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars needs MIT mode, set with the "
             "vendor's tool"
         )
     return answer

@@ -52,7 +52,7 @@ class EmulatedRobStride(Emulated, Device):
 
     registers = Memory((0.0,) * 64, "values of the parameters 0x7000 to 0x703F")
     defaults = Memory((0.0,) * 64, "values of these parameters after power-on")
-    ignored = Memory((0.0,) * 64, "of each parameter, 1 if writes have no effect")
+    ignored = Memory((0.0,) * 64, "for each parameter, 1 if writes have no effect")
     memory_of_drive = Memory(
         (0.0,) * 6,
         "host id, latched faults, reported faults, 1 while reporting, time of the next report, torque constant",

@@ -29,7 +29,7 @@ class RobStrideFamily(Family):
     tables = (
         Table("RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", models.MODELS),
     )
-    table_note = "Kt of a RobStride is of the phase's peak current."
+    table_note = "Kt of a RobStride refers to the peak current of a phase."
     queries = (
         Query(queries.question, queries.ID_PURPOSE, queries.drives, queries.details),
         Query(disable_in_mit_mode, MIT_PURPOSE, queries.states_in_mit_mode),

@@ -188,7 +188,7 @@ class EmulatedRobStrideMIT(Emulated, Device):
     ignores = Param((), "1", 'names of parameters whose writes have no effect, as in ("run_mode",)')
 
     registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
-    ignored = Memory((0.0,) * 64, "of each parameter, 1 if writes have no effect")
+    ignored = Memory((0.0,) * 64, "for each parameter, 1 if writes have no effect")
     latched = Memory(0.0, "latched faults")
     too_old = Memory(0.0, "1 if the firmware has no parameters")
 

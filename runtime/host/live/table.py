@@ -124,7 +124,7 @@ class Table:
     def broken(self, shared: SharedState | None, changes: Mapping[int, float]) -> list[str]:
         """Return what each rule reports that changes would break, such as "lower must be at most upper (3), got 5".
 
-        shared : shared state of the run, whose other targets are compared with; None for a run that has the built values
+        shared : state of the run, with whose other targets they are compared; None for a run with the built values
         changes : {index of a parameter: value}
         """
         targets = [each.built for each in self.parameters]

@@ -228,7 +228,7 @@ def fenced(result: RunResult) -> str:
     """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
     if stop is None and result.rig is not None and result.rig.lost:
-        return "stopped by the guardian, to which the control process has closed its connection"
+        return "stopped by the guardian, because the control process has closed its connection"
     if stop is None:
         return "fenced by the guardian, which left no report of the reason"
     return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"

@@ -214,7 +214,7 @@ class GuardianProcess(ChildProcess):
             try:
                 self._child.kill()
             except PermissionError:  # a block has changed the account of this process
-                return "it still runs: this process has given up the permission to end it"
+                return "it still runs: this process no longer has permission to end it"
             self._child.wait()
         self._close_answers()
         if self._spare is not None:
@@ -318,7 +318,7 @@ def goes_on_in_words(names: Sequence[str]) -> str:
     """Return the line on actuators that have not confirmed a stop by this process."""
     return (
         f"the guardian does not respond; the control process stops the motors: NOT confirmed by {', '.join(names)}; "
-        "its frames go on at a falling rate. Cut the power; Ctrl-C ends the stop"
+        "its frames continue at a falling rate. Cut the power; Ctrl-C ends the stop"
     )
 
 

@@ -485,7 +485,7 @@ def _in_words(verdict):
     )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
     can_end = "; Ctrl-C ends them" if verdict["because"] == "unconfirmed" and sys.stderr.isatty() else ""
-    done += [f"its frames go on at a falling rate{can_end}"] * bool(verdict["unconfirmed"])
+    done += [f"its frames continue at a falling rate{can_end}"] * bool(verdict["unconfirmed"])
     if verdict.get("again"):
         why += "; a send that had begun before followed, and the stop is repeated"
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"

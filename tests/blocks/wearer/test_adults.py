@@ -72,7 +72,10 @@ def test_strides_of_an_adult_are_as_long_as_the_legs_make_them():
         ({"person": 0.5}, "must be a whole number"),
         ({"person": "tall"}, "person must be a seed, or at most 36 scores from -5 to 5, got 'tall'"),
         ({"person": (0.0, 6.0)}, "at most 36 scores from -5 to 5"),
-        ({"person": 3, "motion": "on_toes"}, "motion 'on_toes' has only the average adult: leave person at 0, got 3"),
+        (
+            {"person": 3, "motion": "on_toes"},
+            "motion 'on_toes' is that of the average adult only: leave person at 0, got 3",
+        ),
     ],
 )
 def test_walker_rejects_persons_that_it_cannot_make(parameters, message):

@@ -29,7 +29,7 @@ from tests.runtime.runs import DISABLE, NOTHING, knee, started
 pytestmark = pytest.mark.paced
 
 PAUSE = 0.45  # s, longest without a frame to a drive: twice the period of the frames, and what a busy machine adds
-GOES_ON = "go on at a falling rate"
+GOES_ON = "continue at a falling rate"
 WAYS = ("the run was killed", "the run waits", "the guardian was killed")
 
 

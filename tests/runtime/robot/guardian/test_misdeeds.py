@@ -71,7 +71,7 @@ def test_a_block_that_closes_the_descriptors_of_the_run_ends_it_at_once_and_is_r
     process, _, err = misled(bus, deed)
     assert process.returncode == 3
     assert re.search(
-        r"FAULT at knees, tick 4\d .*: stopped by the guardian, to which the control process has closed", err
+        r"FAULT at knees, tick 4\d .*: stopped by the guardian, because the control process has closed", err
     )
     assert "  file descriptors of the run were closed or replaced: the orders to the guardian, the answers of" in err
     assert "tickwork guardian: the control process has closed its connection to the guardian after tick " in err

@@ -335,7 +335,7 @@ def unplugged(folder, dies, *words):
             assert awaited(adapter.torque), "no torque was commanded"
             guardian = guardian_of(process)
             adapter.unplug()
-            while dies == "later" and "go on at a falling rate" not in "".join(said):
+            while dies == "later" and "continue at a falling rate" not in "".join(said):
                 said.append(process.stderr.readline())
             if dies != "never":
                 guardian.kill()
@@ -362,7 +362,7 @@ def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, dies,
         assert took < 1.5 and {data for _, data in again.frames} == {NOTHING, DISABLE}
         assert process.returncode == FAULT and "confirmed by knee" in out
         if (dies, away) != ("at once", 0.15):
-            assert "NOT confirmed by knee; its frames go on at a falling rate" in "".join(said) + errors
+            assert "NOT confirmed by knee; its frames continue at a falling rate" in "".join(said) + errors
             assert re.search(r"confirmed by knee only after [\d.]+ s", out)
 
 
@@ -376,7 +376,7 @@ def test_without_a_guardian_a_stop_that_nothing_confirms_ends_after_the_limit(tm
 def test_without_a_guardian_a_stop_that_nothing_confirms_ends_for_the_operator(tmp_path):
     with unplugged(tmp_path, "at once", "--stop-for", "60") as (process, _, _, port):
         line = ""
-        while "go on at a falling rate" not in line:
+        while "continue at a falling rate" not in line:
             line = process.stderr.readline()
         with pytest.raises(BusTaken, match="whose stop of knee continues"):
             BusLock("slcan", port)

@@ -62,7 +62,7 @@ def test_every_family_is_found_and_listed(command_line):
     )
     assert (
         by_id[77]["family"] == "CubeMars in servo mode, or a V3.0 board"
-        and "CubeMars wants MIT mode" in by_id[77]["notes"][0]
+        and "CubeMars needs MIT mode" in by_id[77]["notes"][0]
     )
     assert (
         by_id[78]["family"] == "CubeMars with a V3.0 board"
