@@ -38,7 +38,7 @@ cdef class Arming:
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
     cdef int64_t stall           # ns, a delay of this length stops simulated time
-    cdef readonly int64_t stalled    # missed grid points at which simulated time stood still
+    cdef readonly int64_t stalled    # grid points of real time at which simulated time stood still
     cdef int64_t signals_kept    # acquisitions of the GIL at the last installation of the signal handlers
 
     cdef void begin(self) noexcept nogil

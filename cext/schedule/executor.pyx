@@ -389,7 +389,8 @@ cdef class Executor(Waiting):
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
         """Return the grid point at which tick `tick` runs if it wakes up `since` ns after the first.
 
-        Counts missed ones. A stall of a simulation stops its time: the tick runs late, at its own grid point.
+        Counts missed ones. A stall of a simulation stops its time, so that none is missed: the tick runs late, at its
+        own grid point.
         """
         cdef int64_t due = max(tick, self.clock.newest(since))
         cdef int64_t behind = self.overrun.late
@@ -406,7 +407,7 @@ cdef class Executor(Waiting):
                 self.to_blame = WOKEN_LATE
                 self.body.watch.blame(WOKEN_LATE, since - self.clock.grid(tick), due - tick)
         if self.layout != NULL and due > tick:
-            store_i64(&self.layout.missed, self.layout.missed + chosen - tick)
+            store_i64(&self.layout.missed, self.layout.missed + (0 if stalled else chosen - tick))
             self.layout.caught_up += chosen == tick
         if stalled and chosen > tick and not self.overrun.fault:
             self.stop_time(tick, chosen)

@@ -86,7 +86,7 @@ def find(pid: int) -> SharedState:
         problem = "is not a run of a diagram" if os.path.exists(f"/proc/{pid}") else "does not exist"
     except PermissionError:
         problem = "belongs to another user or has more privileges"
-    others = [f"{other} ({table.read(shared).name})" for other, shared in sorted(runs().items())]
+    others = [f"{other} ({table.title(shared)})" for other, shared in sorted(runs().items())]
     raise BadInput(
         f"process {pid} {problem}; " + (f"runs are {', '.join(others)}" if others else "no run of this user exists")
     )

@@ -26,7 +26,7 @@ class Result(Prepared):
     shared : the shared state with the final counts
     report : lines on the fault that ended the run
     waited : s for which the loop's thread was ready to run and had no processor
-    stalled : number of missed grid points at which simulated time stood still
+    stalled : number of grid points of real time at which simulated time stood still
     """
 
     outcome: Outcome

@@ -155,6 +155,14 @@ def read(shared: SharedState) -> Table:
     return parse(shared.live or b'{"name": "", "rate": 1.0, "parameters": []}')
 
 
+def title(shared: SharedState) -> str:
+    """Return the name of the diagram of a run for a list of runs, whatever its process has written there."""
+    try:
+        return read(shared).name
+    except (ValueError, TypeError, LookupError, AttributeError):
+        return "its table of parameters is damaged"
+
+
 def parse(text: bytes) -> Table:
     """Return the Table that `describe` has written as JSON."""
     table = json.loads(text)

@@ -84,7 +84,7 @@ def summary(result: RunResult) -> list[str]:
     how += ", in virtual time" if result.request.fast else ""
     lacking = unsaved(result)
     rows = [f"THE RECORDING IS NOT COMPLETE: {lacking}"] * bool(lacking)
-    rows += [f"{schedule.name}: {(passed - result.stalled) / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
+    rows += [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
     def row(label, text):
         rows.append(f"  {label:<11} {text}")

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from runtime.host.console.styles import count
 from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ SPIN_LIMIT = 1.0  # s
 
 
 def timing(result: RunResult, passed: int) -> Iterator[tuple[str, str]]:
-    """Yield (label, text) of the timing, or of the speed in virtual time. passed : grid points"""
+    """Yield (label, text) of the timing, or of the speed in virtual time. passed : grid points of the run"""
     statistics, rate = result.statistics, result.schedule.rate
     late = statistics["lateness"]
     if not late["count"]:
@@ -32,6 +33,7 @@ def timing(result: RunResult, passed: int) -> Iterator[tuple[str, str]]:
             ),
         )
         return
+    passed += result.stalled  # in real time
     yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
     yield "late by", spread(late)
     share, long = statistics["busy"] * rate / passed, statistics["execution"]["p99"]
@@ -39,7 +41,8 @@ def timing(result: RunResult, passed: int) -> Iterator[tuple[str, str]]:
     if statistics["caught_up"]:
         yield "caught up", f"{statistics['caught_up']} ticks ran late"
     if result.stalled:
-        yield "stalls", f"{result.stalled} of the missed were in stalls, in which simulated time stood still"
+        points = count(result.stalled, "grid point")
+        yield "stalls", f"simulated time stood still for {points} while the computer stalled"
     for index, row in enumerate(result.overruns[:5]):
         yield "" if index else "overruns", overrun_text(row)
 

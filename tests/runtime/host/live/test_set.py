@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from runtime.host.live.running import runs, shared_state_of
 from tests.runtime.runs import Files, finished, knee, started, write
@@ -88,6 +89,11 @@ def test_process_that_is_not_a_run_lists_running_ones(run, command_line):
             assert said.startswith(f"process {pid} {trouble}; runs are ") and f"{run.pid} (springs)" in said
         assert run.pid in runs() and stranger.pid not in runs()
         stranger.kill()
+    for text in (b"{}", b"[1]", b"\0", b"null"):
+        shared = SharedState(4096, live=(1, text))
+        said = command_line.refused("set", 2**22 + 1)
+        assert f"{os.getpid()} (its table of parameters is damaged)" in said and f"{run.pid} (springs)" in said
+        del shared
     assert command_line.refused("set", "me").startswith("set me: expected the process number of a run, as in ")
 
 
