@@ -39,9 +39,11 @@ with Diagram("late", rate=200) as diagram:
 """
 
 
-def ended(status, tick=121, rows=STEADY, overruns=(), culprit="knee"):
+def ended(status, tick=121, rows=STEADY, overruns=(), culprit="knee", fast=False, waited=0.0):
     """A Result as far as it is read."""
     return SimpleNamespace(
+        request=SimpleNamespace(fast=fast),
+        waited=waited,
         outcome=SimpleNamespace(status=status, tick=tick, culprit=culprit),
         newest=rows,
         overruns=list(overruns),
@@ -56,6 +58,11 @@ def test_ticks_lost_before_the_newest_rows_are_seen_within_the_timeout_of_the_de
     assert before_fault(ended("silent", 101, overruns=[blamed(MACHINE, 80)])) == said
     assert before_fault(ended("silent", 101, overruns=[blamed("law", 80)])).endswith(": law took 104.0 ms (tick 80)")
     assert before_fault(ended("silent", 101, overruns=[blamed(MACHINE, 70)])) == ""  # 25 ticks before the oldest row
+
+
+def test_in_virtual_time_no_fault_is_blamed_on_a_busy_machine():
+    assert "had waited 182.1 ms for a processor" in before_fault(ended("no answer", -1, waited=0.1821))
+    assert before_fault(ended("no answer", -1, waited=0.1821, fast=True)) == ""
 
 
 def test_a_missing_reply_on_a_busy_machine_names_the_machine():
