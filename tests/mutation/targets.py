@@ -118,8 +118,14 @@ TARGETS = (
     ),
     Target(
         "runtime/robot/guardian/process.py",
-        ("check_loop", "begin_stop", "carry", "receive"),
+        ("check_loop", "begin_stop", "carry"),
         (),
         ("tests/runtime/robot/guardian/test_carrying.py",),
+    ),
+    Target(
+        "runtime/robot/guardian/interfaces.py",
+        ("listen", "wait", "receive"),
+        (),
+        ("tests/runtime/robot/guardian/test_interfaces.py", "tests/runtime/robot/guardian/test_carrying.py"),
     ),
 )

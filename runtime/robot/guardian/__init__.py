@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import json
 import math
+import select
 import signal
 import subprocess
 import time
@@ -33,16 +34,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from cext.clock.stopwatch import names
-from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND_MAXIMUM
+from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.host.child_process import ChildProcess
 from runtime.host.console.terminal import print_over_status
 from runtime.host.descriptors import Descriptors, SpareDescriptors
 from runtime.robot.guardian import control_group
 from runtime.robot.guardian.handover import Handover
+from runtime.robot.guardian.interfaces import Interfaces
 from runtime.robot.guardian.lock import name_of
 from runtime.robot.guardian.relay import Relay
-from runtime.robot.guardian.stop import SafeStop, decoded, replies_of
-from runtime.robot.guardian.wires import SHARED, CannotOpen, Wire, open_wire
+from runtime.robot.guardian.stop import SafeStop, decoded
+from runtime.robot.guardian.wires import SHARED, CannotOpen, open_wire
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -70,7 +72,7 @@ if TYPE_CHECKING:
 READY_TIMEOUT = 30.0  # s
 LEAVE_TIMEOUT = 5.0  # s
 MEMORY_LOCKED, REALTIME = "memory locked", "SCHED_FIFO"  # privileges, as text; the second is followed by the priority
-GO_ON_PERIOD = 0.02  # s between two checks whether the operator ends a stop
+GO_ON_PERIOD = 20_000_000  # ns between two checks whether the operator ends a stop
 FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
@@ -121,7 +123,7 @@ class GuardianProcess(ChildProcess):
         self._locks = locks
         self._plan: Plan | None = None
         self._spare: SpareDescriptors | None = None
-        self._wires: dict[int, Wire] = {}  # for `take_over`, by the index of the bus
+        self._interfaces: Interfaces | None = None  # for `take_over`
 
     def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
@@ -149,10 +151,12 @@ class GuardianProcess(ChildProcess):
         for module in answer["modules"]:
             with suppress(Exception):  # the guardian has imported it
                 import_module(module)
+        devices = [decoded(device) for device in plan["devices"]]
+        self._interfaces = Interfaces(plan["buses"], devices, select.poll())
         for index, bus in enumerate(plan["buses"]):
             if bus["interface"] in SHARED:
                 with suppress(CannotOpen):
-                    self._wires[index] = open_wire(bus)
+                    self._interfaces.wires[index] = open_wire(bus)
         self._spare = SpareDescriptors(len(plan["buses"]))
 
     def keep_descriptors(self, descriptors: Descriptors) -> None:
@@ -195,7 +199,7 @@ class GuardianProcess(ChildProcess):
             deadline = time.monotonic() + LEAVE_TIMEOUT + lasts
             while not ended() and time.monotonic() < deadline:
                 with suppress(TimeoutError):
-                    answer = self._answer(GO_ON_PERIOD)
+                    answer = self._answer(GO_ON_PERIOD * 1e-9)
                     return None if answer is None else answer["stop"]
         except OSError:
             pass
@@ -219,8 +223,8 @@ class GuardianProcess(ChildProcess):
         self._close_answers()
         if self._spare is not None:
             self._spare.close()
-        while self._wires:
-            self._wires.popitem()[1].close()
+        if self._interfaces is not None:
+            self._interfaces.close_all()
         if self._group is not None:
             control_group.remove(self._group)
         return _ending(self._child.returncode)
@@ -238,70 +242,46 @@ class GuardianProcess(ChildProcess):
         """
         with suppress(PermissionError):  # a block has changed the account of this process
             self._child.kill()  # reaped below, after the actuators are stopped
-        assert self._plan is not None and self._spare is not None
+        plan, interfaces = self._plan, self._interfaces
+        assert plan is not None and interfaces is not None and self._spare is not None
         self._spare.release()
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._page.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
-        wires, problems = self._wires, {}
-        devices = [decoded(device) for device in self._plan["devices"]]
-        for index, bus in enumerate(self._plan["buses"]):
+        problems = {}
+        for index, bus in enumerate(plan["buses"]):
             try:
-                if index not in wires:
-                    wires[index] = open_wire(bus, again=True)
+                if index not in interfaces.wires:
+                    interfaces.wires[index] = open_wire(bus, again=True)
             except CannotOpen as error:
                 problems[bus["name"]] = str(error)
         now = time.monotonic_ns()
-        relays = [Relay(relay, now) for relay in self._plan["relays"]]
-        stop = SafeStop(devices, wires, now, relays=relays, out=self._page.out, lasts=round(lasts * 1e9))
-        for index, wire in wires.items():
-            if self._plan["buses"][index]["line"] is None:
-                wire.listen(replies_of(devices, index))
-        drained, handover, reported, open_again = stop.began, Handover(self._plan["locks"]), False, 0
+        relays = [Relay(relay, now) for relay in plan["relays"]]
+        stop = SafeStop(
+            interfaces.devices, interfaces.wires, now, relays=relays, out=self._page.out, lasts=round(lasts * 1e9)
+        )
+        for index in interfaces.wires:
+            interfaces.listen(index)
+        handover, reported = Handover(plan["locks"], interfaces), False
         while not stop.over:
             now = time.monotonic_ns()
             stop.step(now)
             if stop.is_due(now) and not stop.over:
+                handover.offer(now)  # before the line: who reads it may start the next run at once
+                interfaces.open_lost(stop, now)
                 if not reported:
                     reported = True
-                    handover.begin()  # before the line: who reads it may start the next run at once
                     print_over_status(goes_on_in_words(stop.waiting))
                     leave()
                 elif ended():
                     break
-                for line in handover.step(stop, self._close_wire):
+            for descriptor in interfaces.wait(stop.milliseconds(now, GO_ON_PERIOD), stop):
+                for line in handover.handle(descriptor, stop):
                     print_over_status(line)
-                if now >= open_again:
-                    open_again = now + STOP_ROUND_MAXIMUM
-                    self._open_again(stop, self._plan["buses"])
-            time.sleep(0.002 if reported else 0.0005)
-            before = time.monotonic_ns()
-            for index, wire in wires.items():
-                for identifier, data, arrival in wire.receive():
-                    if arrival >= stop.began:  # a wire that was open before has frames of the run
-                        stop.receive(index, identifier, data, time.monotonic_ns(), drained)
-            drained = before
         handover.close()
-        for index in self._wires:
-            problems.pop(self._plan["buses"][index]["name"], None)
+        for index in interfaces.wires:
+            problems.pop(plan["buses"][index]["name"], None)
         return self.kill(), problems, stop.report()
-
-    def _close_wire(self, index):
-        """Close the interface of a bus, which another run opens."""
-        if index in self._wires:
-            self._wires[index].close()
-            self._wires[index] = Wire()
-
-    def _open_again(self, stop, buses):
-        """Open the interfaces again over which a safe stop cannot send. buses : buses of the plan"""
-        for index in stop.lost:
-            with suppress(CannotOpen):
-                again = open_wire(buses[index], again=True)
-                if index in self._wires:
-                    self._wires[index].close()
-                self._wires[index] = again
-                if buses[index]["line"] is None:
-                    again.listen(replies_of(stop.stopped.values(), index))
 
 
 def _lock(lock: BusLock, bus: int | None) -> PlanLock:

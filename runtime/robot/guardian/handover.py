@@ -17,16 +17,18 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import socket
 import struct
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
+from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT, STOP_ROUND_MAXIMUM
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
+    from runtime.robot.guardian.interfaces import Interfaces
     from runtime.robot.guardian.plan_types import PlanLock
     from runtime.robot.guardian.stop import SafeStop
 
@@ -104,40 +106,57 @@ class Successor:
 
 
 class Handover:
-    """Offer of the buses of a safe stop that continues. locks : locks in the plan; `begin` makes the offer"""
+    """Offer of the buses of a safe stop that continues.
 
-    def __init__(self, locks: Iterable[PlanLock]) -> None:
-        self._locks = list(locks)
-        self._places: dict[int, socket.socket] = {}  # by the place of the lock
+    locks : locks in the plan; interfaces : interfaces of its buses, whose poll object also waits for new runs
+    """
+
+    def __init__(self, locks: Iterable[PlanLock], interfaces: Interfaces) -> None:
+        self._locks = dict(enumerate(locks))  # of the buses that no other run has taken
+        self._interfaces, self._poll = interfaces, interfaces.poll
+        self._listeners: dict[int, socket.socket] = {}  # by the place of the lock
         self._links: dict[int, socket.socket] = {}
+        self._again = 0  # ns at which to try again to accept connections
 
-    def begin(self) -> None:
-        """Accept connections from here on."""
-        for place, lock in enumerate(self._locks):
-            with suppress(OSError):  # no free descriptor, or the process of an earlier stop still has the name
-                if place not in self._places:
-                    self._places[place] = _listener(beside(lock["name"].encode()))
+    def offer(self, now: int) -> None:
+        """Accept connections from here on. Call it again and again: it may lack a descriptor, or a name be in use.
 
-    def step(self, stop: SafeStop, close: Callable[[int], None]) -> list[str]:
-        """Proceed. close : function that closes the interface of a bus of the plan
-
-        Returns a line of text about each bus that another run has taken.
+        now : ns of CLOCK_MONOTONIC
         """
+        if now < self._again:
+            return
+        self._again = now + STOP_ROUND_MAXIMUM
+        for place, lock in self._locks.items():
+            with suppress(OSError):  # no free descriptor, or the process of an earlier stop still has the name
+                if place not in self._listeners:
+                    self._listeners[place] = _listener(beside(lock["name"].encode()))
+                self._poll.register(self._listeners[place], select.POLLIN)
+
+    def handle(self, descriptor: int, stop: SafeStop | None) -> list[str]:
+        """Handle an event. Returns lines of text about a bus that another run has taken."""
         lines = []
-        for place, link in list(self._links.items()):
-            line = self._proceed(place, link, stop, close)
-            lines += [line] if line else []
-        for place, listener in list(self._places.items()):
-            with suppress(OSError):  # nothing to accept, or no free descriptor
-                link = listener.accept()[0]
-                if place in self._links or peer_of(link)[1] not in (os.getuid(), 0):
-                    link.close()  # it is being handed over to another run, or this one is of another account
-                else:
-                    self._offer(place, link, stop)
+        for place, listener in list(self._listeners.items()):
+            link = self._links.get(place)
+            if stop is not None and descriptor in (listener.fileno(), -1 if link is None else link.fileno()):
+                if link is not None:  # first, as it may have ended before the next connection
+                    lines += self._proceed(place, link, stop)
+                if place in self._listeners:
+                    self._accept(place, listener, stop)
         return lines
 
-    def _offer(self, place, link, stop):
-        """Send the lock of a bus, and its drives that have not confirmed."""
+    def _accept(self, place, listener, stop):
+        """Accept a connection, if there is one."""
+        try:
+            link = listener.accept()[0]
+        except BlockingIOError:
+            return
+        except OSError:  # no free descriptor
+            with suppress(KeyError):
+                self._poll.unregister(listener)  # until the next `offer`
+            return
+        if place in self._links or peer_of(link)[1] not in (os.getuid(), 0):
+            link.close()  # it is being handed over to another run, or this one is of another account
+            return
         lock = self._locks[place]
         devices = [stop.stopped[name] for name in stop.waiting if stop.stopped[name]["bus"] == lock["bus"]]
         identifiers = {identifier for device in devices for identifier, _ in device["zero"] + device["disable"]}
@@ -146,41 +165,49 @@ class Handover:
             socket.send_fds(link, [json.dumps(offer).encode()], [lock["descriptor"]])
         link.setblocking(False)
         self._links[place] = link
+        self._poll.register(link, select.POLLIN)
 
-    def _proceed(self, place, link, stop, close):
-        """Handle a message of a new run. Returns a line of text if it has taken the bus, else None."""
+    def _proceed(self, place, link, stop):
+        """Handle a message of a new run. Returns lines of text if it has taken the bus."""
         bus = self._locks[place]["bus"]
         try:
             message = link.recv(1)
         except BlockingIOError:
-            return None
+            return []
         except OSError:
             message = b""
-        if message == OPEN and bus is not None:
-            stop.lent.add(bus)
-            close(bus)
-            with suppress(OSError):
-                link.send(CLOSED)
-        if message == ARMING and bus is not None:
-            stop.given.add(bus)
-            self._places.pop(place).close()
         if message == OPEN:
-            return None
-        del self._links[place]
+            if bus is not None:
+                stop.lent.add(bus)
+                self._interfaces.close(bus)
+                with suppress(OSError):
+                    link.send(CLOSED)
+            return []
         process, drives = peer_of(link)[0], [name for name in stop.waiting if stop.stopped[name]["bus"] == bus]
-        link.close()
-        if message == b"" and bus in stop.lent:
+        self._close(self._links.pop(place))
+        if message == ARMING:
+            del self._locks[place]
+            self._close(self._listeners.pop(place))
+            if bus is not None:
+                stop.given.add(bus)
+        elif bus in stop.lent:
             stop.lent.discard(bus)
             stop.failing.add(bus)  # and is opened again
-        if message == b"" or not drives:
-            return None
-        return f"process {process} continues the stop of {', '.join(drives)}, and asks for their state"
+        if message != ARMING or not drives:
+            return []
+        return [f"process {process} continues the stop of {', '.join(drives)}, and asks for their state"]
+
+    def _close(self, each):
+        """Close a socket."""
+        with suppress(KeyError):  # a listener that lacked a descriptor
+            self._poll.unregister(each)
+        each.close()
 
     def close(self) -> None:
         """Withdraw the offers."""
-        for each in (*self._places.values(), *self._links.values()):
-            each.close()
-        self._places, self._links = {}, {}
+        for each in (*self._listeners.values(), *self._links.values()):
+            self._close(each)
+        self._listeners, self._links = {}, {}
 
 
 def _listener(name):

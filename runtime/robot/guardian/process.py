@@ -27,22 +27,34 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from cext.clock import realtime
 from cext.memory.shared_state import RECORD_EVENT, SharedState
 from cext.ring.rings import Lines
 from cext.safety.owner_death import OwnerDeathWatcher
 from cext.safety.suspend import time_suspended
-from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY, STOP_ORPHANED, STOP_ROUND_MAXIMUM
+from cext.safety.thresholds import (
+    GUARDIAN_DEATH,
+    GUARDIAN_LOOK_LIMIT,
+    GUARDIAN_LOOK_PERIOD,
+    HANG_REPORT_DELAY,
+    STOP_ORPHANED,
+    STOP_ROUND_MAXIMUM,
+)
 from runtime.host.console.terminal import print_over_status
 from runtime.host.ending import ignore_signals
 from runtime.host.run_mark import remove_mark
 from runtime.host.system import CAP_IPC_LOCK, capable, maps
 from runtime.robot.guardian import MEMORY_LOCKED, REALTIME, control_group
 from runtime.robot.guardian.handover import Handover, Successor
+from runtime.robot.guardian.interfaces import Interfaces
 from runtime.robot.guardian.relay import Relay
-from runtime.robot.guardian.stop import SafeStop, decoded, frames_of_stop, replies_of
-from runtime.robot.guardian.wires import FRAMES_AT_ONCE, SHARED, CannotOpen, Wire, load, open_wire
+from runtime.robot.guardian.stop import SafeStop, decoded, frames_of_stop
+from runtime.robot.guardian.wires import SHARED, CannotOpen, load, open_wire
+
+if TYPE_CHECKING:
+    from runtime.robot.guardian.plan_types import PlanBus, PlanLock, StopDevice
 
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
@@ -81,13 +93,11 @@ class Guardian:
         self.stop = self.verdict = self.owner_death = self.groups = None
         self.in_send = False  # whether the loop was in a send when the fence was raised, and may still be
         self.stuck_at = None  # ns at which to check whether the block still hangs
-        self.wires, self.carried, self.places, self.relays = {}, [], {}, []
-        self.drained = {}  # ns, by the index of a wire: everything older has been read
-        self.handover = Handover(())
-        self.successors: dict[int, Successor] = {}  # by the index of a bus that is being taken over
+        self.carried, self.relays = [], []  # carried: (index of the bus, line)
+        self.successors: list[tuple[int | None, Successor]] = []  # (index of a bus that is being taken over, its end)
         self.attend = 0  # ns at which their drives get the next frames
-        self.open_again = 0  # ns at which to open lost interfaces again
         self.poll = select.poll()
+        self.follow([], [], [])
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
 
@@ -99,14 +109,12 @@ class Guardian:
             return False
         line, _, self.received = self.received.partition(b"\n")
         plan = json.loads(line)
-        self.buses, self.devices, self.limit = (
-            plan["buses"],
-            [decoded(device) for device in plan["devices"]],
-            int(plan["limit"] * 1e9),
-        )
+        self.follow(plan["buses"], [decoded(device) for device in plan["devices"]], plan["locks"])
+        self.limit = int(plan["limit"] * 1e9)
         self.items, self.relays = plan["items"], plan["relays"]
-        self.handover = Handover(plan["locks"])
-        self.successors = {lock["bus"]: Successor(lock["handover"]) for lock in plan["locks"] if lock["handover"] >= 0}
+        self.successors = [
+            (lock["bus"], Successor(lock["handover"])) for lock in plan["locks"] if lock["handover"] >= 0
+        ]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
@@ -117,13 +125,8 @@ class Guardian:
         if problems:
             self._answer({"troubles": problems})
             return False
-        self.carried = [
-            (index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None
-        ]
-        self.restless = any(wire.fileno() is None for _, _, wire in self.carried)
-        self.places = {wire.fileno(): index for index, _, wire in self.carried if wire.fileno() is not None}
-        for descriptor in self.places:
-            self.poll.register(descriptor, select.POLLIN)
+        for index, _ in self.carried:
+            self.interfaces.listen(index)
         self.groups = control_group.enter()
         granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(plan["priority"])
         self.owner_death = OwnerDeathWatcher(self.shared, plan["priority"] or 0)
@@ -135,9 +138,17 @@ class Guardian:
         self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
         return True
 
+    def follow(self, buses: list[PlanBus], devices: list[StopDevice], locks: list[PlanLock]) -> None:
+        """Take over these parts of the plan. devices : as `decoded` returns them"""
+        self.buses, self.devices = buses, devices
+        self.carried = [(index, bus["line"]) for index, bus in enumerate(buses) if bus["line"] is not None]
+        self.interfaces = Interfaces(buses, devices, self.poll, self.lines)
+        self.wires = self.interfaces.wires
+        self.handover = Handover(locks, self.interfaces)
+
     def _open(self, index, bus):
         """Open the wire of a bus of the plan. Raises CannotOpen."""
-        successor = self.successors.get(index)
+        successor = dict(self.successors).get(index)
         if successor is None:
             return open_wire(bus)
         shared = bus["interface"] in SHARED
@@ -156,11 +167,11 @@ class Guardian:
         """Send the frames of the safe stop to the drives of buses that are taken over, until the loop asks them."""
         if self.shared.beat:
             while self.successors:
-                self.successors.popitem()[1].arming()
+                self.successors.pop()[1].arming()
         elif now >= self.attend:
             self.attend = now + STOP_ROUND_MAXIMUM
             for device in self.devices:
-                if device["bus"] in self.successors and device["bus"] in self.wires:
+                if device["bus"] in dict(self.successors) and device["bus"] in self.wires:
                     for frame in device["zero"] + device["disable"]:
                         self.wires[device["bus"]].send(*frame)
 
@@ -169,7 +180,7 @@ class Guardian:
         checked = time.monotonic_ns()
         grace = 0
         while not self._is_over():
-            self._handle_events(self._poll_timeout())
+            self._handle_events(self._poll_timeout(time.monotonic_ns()))
             now = time.monotonic_ns()
             self.shared.look_after(now)
             if now - checked > self.limit // 2:
@@ -184,12 +195,9 @@ class Guardian:
             self.carry()
             self.stop_again_if_due(now)
             if self.stop is not None and self.verdict is not None and not self.stop.over:
-                self._listen(self.stop)
                 self.stop.step(now)
-                if self.reported and now >= self.open_again:
-                    self._open_again(self.stop, now)
-                if self.ordered or self.reported and self._has_ended():
-                    self._hand_over(self.stop)
+                if not self.stop.over and (self.ordered or self.stop.is_due(now)):
+                    self._continue(self.stop, now)
                 self._report_stop(self.stop, self.verdict, now)
             if self.stuck_at is not None and now >= self.stuck_at:
                 self._report_hang()
@@ -205,29 +213,32 @@ class Guardian:
         """Return whether the run has ended."""
         return self.released or self.gone or (self.cut_off and self.shared.state not in ACTIVE)
 
-    def _poll_timeout(self):
+    def _poll_timeout(self, now):
         """Return the time-out of the next poll in ms."""
-        if self.restless or (self.stop is not None and not self.stop.over):
+        stop, limit = self.stop, GUARDIAN_LOOK_PERIOD
+        if self.in_send:
             return 1
-        return GUARDIAN_LOOK_PERIOD // 1_000_000
+        if stop is None or stop.over:
+            return limit // 1_000_000
+        if self.reported and (self.ordered or self.gone):  # there is no loop to watch
+            limit = GUARDIAN_DEATH // 2 if self.gone else GUARDIAN_LOOK_LIMIT // 2
+        return stop.milliseconds(now, limit)
 
     def _handle_events(self, milliseconds):
         """Wait for an event, and handle it."""
-        for descriptor, event in self.poll.poll(milliseconds):
+        for descriptor in self.interfaces.wait(milliseconds, self.stop):
             if descriptor == self.bell:
                 with suppress(BlockingIOError):
                     os.eventfd_read(self.bell)
-            elif descriptor in self.places:
-                self.receive(self.places[descriptor])
-                if event & select.POLLHUP or not event & select.POLLIN:  # disconnected
-                    self.poll.unregister(descriptor)
-                    self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
             elif descriptor == self.control:
                 self.dead = self.gone = True
                 self.poll.unregister(self.control)
             elif self.owner_death is not None and descriptor == self.owner_death.fd:
                 self.dead = True
                 self.poll.unregister(descriptor)
+            elif descriptor != ORDERS:
+                for line in self.handover.handle(descriptor, self.stop):
+                    print_over_status(f"tickwork guardian: {line}")
             else:
                 data = os.read(ORDERS, 1 << 20)
                 self.received += data
@@ -302,12 +313,11 @@ class Guardian:
         if self.shared.crashed:
             with suppress(ValueError):  # a defective process may have overwritten the number
                 self.verdict["signal"] = signal.Signals(self.shared.crashed).name
-        for index, wire in self.wires.items():
+        for index in self.wires:
             if self.buses[index]["line"] is None:
-                wire.listen(replies_of(self.devices, index))
+                self.interfaces.listen(index)
             else:
-                self.receive(index)  # replies to earlier commands confirm nothing
-            self.drained[index] = time.monotonic_ns()
+                self.interfaces.receive(index, None)  # replies to earlier commands confirm nothing
         relays = [Relay(relay, now - silent) for relay in self.relays]
         devices = [device for device in self.devices if only is None or device["name"] in only]
         moving = only is None and self.verdict["last_tick"] >= 0
@@ -328,43 +338,13 @@ class Guardian:
         self.stop = SafeStop(self.devices, self.wires, now, moving=False, lasts=round(STOP_ORPHANED * 1e9))
         self.stop.step(now)
 
-    def _hand_over(self, stop):
-        """Offer the buses of a stop that continues after the run to another run."""
-        while self.relays:  # after the damping, the other run may need their lines
-            os.close(self.relays.pop()["descriptor"])
-        self.handover.begin()
-        for line in self.handover.step(stop, self._close_wire):
-            print_over_status(f"tickwork guardian: {line}")
-
-    def _close_wire(self, index):
-        """Close the interface of a bus."""
-        for descriptor in [key for key, place in self.places.items() if place == index]:
-            self.poll.unregister(descriptor)
-            del self.places[descriptor]
-        self.wires[index].close()
-        self._set_wire(index, Wire())
-
-    def _set_wire(self, index, wire):
-        """Let a wire replace that of a bus."""
-        self.wires[index], line = wire, self.buses[index]["line"]
-        if line is None:
-            wire.listen(replies_of(self.devices, index))
-            return
-        self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, wire)]
-        self.restless = any(each.fileno() is None for _, _, each in self.carried)
-        descriptor = wire.fileno()
-        if descriptor is not None:
-            self.places[descriptor] = index
-            self.poll.register(descriptor, select.POLLIN)
-
-    def _open_again(self, stop, now):
-        """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
-        self.open_again = now + STOP_ROUND_MAXIMUM
-        for index in stop.lost:
-            with suppress(CannotOpen):
-                again = open_wire(self.buses[index], again=True)
-                self._close_wire(index)
-                self._set_wire(index, again)
+    def _continue(self, stop, now):
+        """Open lost interfaces again, and offer the buses of a stop that continues after the run to another run."""
+        self.interfaces.open_lost(stop, now)
+        if self.ordered or self._has_ended():
+            while self.relays:  # after the damping, the other run may need their lines
+                os.close(self.relays.pop()["descriptor"])
+            self.handover.offer(now)
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
@@ -376,47 +356,19 @@ class Guardian:
         lines = self.lines
         if lines is None:
             return
-        for index, line, wire in self.carried:
+        for index, line in self.carried:
+            wire = self.wires[index]
             for identifier, data, _ in lines.take(line):
                 if (self.verdict is not None or self.shared.fenced) and (index, identifier, data) not in self.harmless:
                     lines.count_up(line, "withheld")
                 else:
                     wire.send(identifier, data)
-            if self.restless and wire.fileno() is None:
-                self.receive(index)
             if wire.counts:
                 for kind, many in wire.counts.items():
                     lines.count_up(line, kind, many)
                 wire.counts.clear()
             if wire.trouble is not None:
                 lines.fail(line, wire.trouble[0])
-
-    def receive(self, index: int) -> None:
-        """Pass received frames of a carried bus to the loop, and to a safe stop in progress.
-
-        index : index of the bus in the plan
-        """
-        before = time.monotonic_ns()
-        frames = self.wires[index].receive()
-        now = time.monotonic_ns()
-        for identifier, data, arrival in frames:
-            if self.lines is not None:
-                self.lines.give(self.buses[index]["line"], identifier, data, arrival)
-            if self.stop is not None:
-                self.stop.receive(index, identifier, data, now, self.drained[index])
-        if len(frames) < FRAMES_AT_ONCE:
-            self.drained[index] = before
-
-    def _listen(self, stop):
-        """Receive frames during a safe stop on a bus that the loop drives."""
-        for index, wire in self.wires.items():
-            if self.buses[index]["line"] is None:
-                before = time.monotonic_ns()
-                frames = wire.receive()
-                for identifier, data, _ in frames:
-                    stop.receive(index, identifier, data, time.monotonic_ns(), self.drained[index])
-                if len(frames) < FRAMES_AT_ONCE:
-                    self.drained[index] = before
 
     def _report_stop(self, stop, verdict, now):
         """Report a safe stop on standard error once its time is up, and again when a device has confirmed late."""
@@ -458,8 +410,7 @@ class Guardian:
             }
         )
         self.handover.close()
-        for wire in self.wires.values():
-            wire.close()
+        self.interfaces.close_all()
         if self.groups is not None:
             control_group.leave(*self.groups)
 

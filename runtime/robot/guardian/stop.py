@@ -83,6 +83,11 @@ class SafeStop:
         """Return whether it is to be reported: it is over, or the time of every device to confirm is."""
         return self.over or now - self.began >= self.limit
 
+    def milliseconds(self, now: int, limit: int) -> int:
+        """Return the time to the next `step`, rounded up. now : ns of CLOCK_MONOTONIC; limit : largest, in ns"""
+        due = min(self.due, self.began + self.limit + self.lasts)
+        return max(0, -(-min(due - now, limit) // 1_000_000))
+
     @property
     def waiting(self) -> list[str]:
         """Names of the devices that have not confirmed."""

@@ -55,7 +55,10 @@ class Wire:
 
     counts : {kind: number of frames}
     trouble : (errno, text) after the interface has failed, else None
+    polled : whether frames may arrive, and there is no descriptor to wait for
     """
+
+    polled = False
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
@@ -120,6 +123,7 @@ class PythonCanWire(Wire):
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
         self.receiver = Stamped(self.bus) if interface in NEVER_WAITS else ReceiverThread(self.bus)
+        self.polled = self.fileno() is None
         self.fd = fd
         self.echoes = {}  # (id, data): times of sending with an outstanding echo
 

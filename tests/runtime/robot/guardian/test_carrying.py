@@ -32,6 +32,8 @@ STOP = [NOTHING, DISABLE]
 class Log:
     """A wire that keeps what is sent, and calls something whenever a frame goes out."""
 
+    polled = True
+
     def __init__(self):
         self.sent, self.counts, self.trouble, self.then = [], {}, None, lambda data: None
 
@@ -45,6 +47,9 @@ class Log:
 
     def receive(self):
         return []
+
+    def close(self):
+        pass
 
 
 class Carrying:
@@ -60,19 +65,21 @@ class Carrying:
             for bus in range(2):
                 CubeMars("AK80-9", can_id=1, bus=f"{bus}", name=f"{bus}")(torque_command=0.0)
         planned = json.loads(json.dumps(plan([], compile(robot), None)))
-        guardian.devices = [decoded(device) for device in planned["devices"]]
-        guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
+        devices = [decoded(device) for device in planned["devices"]]
+        guardian.follow([{"name": f"{bus}", "line": bus} for bus in range(2)], devices, [])
         guardian.items, guardian.limit = ["law"], 40_000_000
         guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
-        guardian.wires = dict(enumerate(self.wires))
-        guardian.carried = [(bus, bus, wire) for bus, wire in enumerate(self.wires)]
-        guardian.restless = True
+        for bus, wire in enumerate(self.wires):
+            guardian.interfaces.add(bus, wire)
 
     def queue(self, *frames):
         """The loop sends these, on both buses."""
         for end in self.ends:
             for data in frames:
                 assert end.send(1, data)
+
+    def receive(self, bus):
+        self.guardian.interfaces.receive(bus, self.guardian.stop)
 
     def sent(self):
         return [wire.sent for wire in self.wires]
@@ -129,25 +136,25 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
 
 
 def test_stop_repeats_until_both_drives_acknowledge_it(robot):
-    answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), 0)]
+    answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), time.monotonic_ns() + 10**12)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
-    robot.guardian.receive(0)  # these were on their way
+    robot.receive(0)  # these were on their way
     assert robot.guardian.stop.report()["confirmed"] == []
     stop = robot.guardian.stop
     stop.step(stop.due)
-    robot.guardian.receive(0)
+    robot.receive(0)
     stop.step(stop.due)  # no frame to the first, and none from it
     stop.step(stop.due)
     report = stop.report()
     assert (report["confirmed"], report["unconfirmed"], report["sent"]) == (["0"], ["1"], 12)
     robot.wires[0].receive, robot.wires[1].receive = list, lambda: answers
     for _ in range(2):
-        robot.guardian.carry()  # one answer each time
+        robot.receive(1)  # one answer each time
     stop.step(stop.due)  # replies to one round alone are not enough
     for _ in range(2):
-        robot.guardian.carry()
+        robot.receive(1)
     robot.wires[1].receive = list
     for _ in range(2):
         assert not stop.over
@@ -188,9 +195,15 @@ def test_interface_with_readiness_event_is_not_polled(robot):
     asked = []
     for number, wire in enumerate(robot.wires):
         wire.receive = lambda number=number: asked.append(number) or []
-    robot.wires[0].fileno = lambda: 5
-    robot.guardian.carry()
+    read, write = os.pipe()
+    robot.guardian.interfaces.close(0)
+    robot.wires[0].fileno = lambda: read
+    robot.guardian.interfaces.add(0, robot.wires[0])
+    robot.guardian.interfaces.wait(None, None)
     assert asked == [1]
+    os.write(write, b"frame")
+    robot.guardian.interfaces.wait(None, None)
+    assert asked == [1, 1, 0]
 
 
 # Whether the loop is there

@@ -2,58 +2,139 @@
 drives get no frame.
 """
 
+import math
 import os
 import re
+import select
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections import Counter
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import can
 import pytest
 
+from cext.memory.shared_state import SharedState
+from cext.safety.thresholds import STOP_ROUND_MAXIMUM
 from runtime.host.errors import FAULT, OK
-from runtime.robot.guardian.handover import Handover
+from runtime.robot.guardian.handover import Handover, Offer, Successor
+from runtime.robot.guardian.interfaces import Interfaces
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from tests.blocks.actuators import reference
 from tests.checkout import ROOT
 from tests.runtime.robot.guardian.bus import Bus, guardian_of, is_torque
 from tests.runtime.robot.guardian.drives import AK10_9, open_bus
+from tests.runtime.robot.guardian.test_carrying import Carrying
 from tests.runtime.robot.rig.test_slcan import Adapter, awaited, rig_of
 from tests.runtime.runs import DISABLE, NOTHING, knee, started
 
 pytestmark = pytest.mark.paced
 
 PAUSE = 0.45  # s, longest without a frame to a drive: twice the period of the frames, and what a busy machine adds
+WAKES = 100  # per s, most of a process whose stop goes on
 GOES_ON = "continue at a falling rate"
 WAYS = ("the run was killed", "the run waits", "the guardian was killed")
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to start a process of another account")
 def test_the_process_of_a_stop_offers_its_bus_to_its_own_account_alone():
-    name = f"\0tickwork/bus/account-test-{os.getpid()}"
-    stop = SimpleNamespace(waiting=[], stopped={}, lent=set())
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as lock:
-        lock.bind(name)
-        offers = Handover([{"name": name, "bus": "legs", "descriptor": lock.fileno()}])
-        offers.begin()
+    with offered("account") as (offers, names):
+        [name] = names
         for user, taken in ((0, "taken"), (65534, "refused")):
             script = (
                 f"import os\nfrom runtime.robot.guardian.handover import Offer\nos.setuid({user})\n"
-                f"try: Offer({name.encode()!r}); print('taken')\nexcept ConnectionRefusedError: print('refused')"
+                f"try: Offer({name!r}); print('taken')\nexcept ConnectionRefusedError: print('refused')"
             )
             with subprocess.Popen(
                 [sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True
             ) as process:
                 while process.poll() is None:
-                    offers.step(stop, close=lambda bus: None)
-                    time.sleep(0.01)
+                    offers(0.01)
                 assert process.stdout.read() == f"{taken}\n", user
-        offers.close()
+
+
+@pytest.mark.parametrize("bus", [0, None], ids=["CAN", "another bus"])
+def test_a_bus_that_a_new_run_has_taken_is_offered_to_no_third(bus):
+    with offered("first", "second", bus=bus) as (offers, names), ThreadPoolExecutor() as pool:
+
+        def offer(name):
+            found = pool.submit(Offer, name)
+            while not found.done():
+                offers(0.01)
+            return found.result()
+
+        second = [offer(name).accept()[1] for name in names]
+        with pytest.raises(ConnectionRefusedError):
+            offer(names[0])  # while it is handed over
+        for link in second:
+            link.send(b"a")
+            offers(0.1)
+        offers(1.1 * STOP_ROUND_MAXIMUM * 1e-9)
+        for name in names:
+            with pytest.raises(ConnectionRefusedError):
+                offer(name)
+
+
+def test_a_new_run_hands_all_of_its_locks_over_at_its_arming():
+    """Locks of other buses than CAN have no index, all of them."""
+
+    class State(SharedState):
+        beat = 0
+
+    guardian = Carrying(State(1 << 12)).guardian
+    ends = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(3)]
+    guardian.successors = [
+        (bus, Successor(ours.detach())) for bus, (ours, _) in zip((0, None, None), ends, strict=True)
+    ]
+    guardian._attend(0)
+    with pytest.raises(BlockingIOError):
+        ends[0][1].recv(1, socket.MSG_DONTWAIT)
+    State.beat = 1
+    guardian._attend(1)
+    assert [theirs.recv(1) for _, theirs in ends] == [b"a"] * 3
+
+
+@contextmanager
+def offered(*words, bus=None):
+    """Buses that are offered. Yields (function that attends to them for some seconds, names of their locks)."""
+    names = [f"\0tickwork/bus/{word}-{os.getpid()}".encode() for word in words]
+    stop = SimpleNamespace(waiting=[], stopped={}, lent=set(), given=set(), failing=set())
+    interfaces = Interfaces([{"line": None}], [], select.poll())
+    with ExitStack() as stack:
+        locks = [stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) for _ in names]
+        for lock, name in zip(locks, names, strict=True):
+            lock.bind(name)
+        offers = Handover(
+            [
+                {"name": name.decode(), "bus": bus, "descriptor": lock.fileno(), "handover": -1}
+                for lock, name in zip(locks, names, strict=True)
+            ],
+            interfaces,
+        )
+
+        def attend(seconds):
+            deadline = time.monotonic() + seconds
+            while (left := deadline - time.monotonic()) > 0:
+                offers.offer(time.monotonic_ns())
+                for descriptor in interfaces.wait(math.ceil(1e3 * left), None):
+                    offers.handle(descriptor, stop)
+
+        attend(0.001)
+        stack.callback(offers.close)
+        yield attend, names
+
+
+def wakes_of(process):
+    """How often the threads of a process have waited so far. process : its id"""
+    threads = Path(f"/proc/{process}/task").iterdir()
+    status = "".join((thread / "status").read_text() for thread in threads)
+    return sum(map(int, re.findall(r"^voluntary_ctxt_switches:\s+(\d+)", status, re.MULTILINE)))
 
 
 class Drives:
@@ -110,13 +191,19 @@ def line_of(process, text):
 
 @contextmanager
 def stop_that_goes_on(folder, way):
-    """A stop on a Bus whose drives do not answer. Yields (bus, drives, process of the run)."""
+    """A stop on a Bus whose drives do not answer, by the processes bus.waiting. Yields (bus, drives, process of the
+    run).
+    """
     with Bus(folder, number=21, answering=False) as bus, Drives(bus) as drives:
         process = bus.start("--no-record", "--stop-for", "60")
         bus.await_torque()
         drives.awake = False
+        guardian = guardian_of(process)
         if way != "the run waits":
-            (guardian_of(process) if way == "the guardian was killed" else process).kill()
+            (guardian if way == "the guardian was killed" else process).kill()
+        bus.waiting = [process.pid] * (way != "the run was killed") + [guardian.pid] * (
+            way != "the guardian was killed"
+        )
         line_of(process, GOES_ON)
         bus.listen(0.7)  # until the frames are rare
         yield bus, drives, process
@@ -162,6 +249,17 @@ def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_p
         bus.listen(0.1)
         assert {frame.data for motor in bus.motors for frame in bus.commands(motor, began)} == {NOTHING, DISABLE}
         assert "left/knee" in text and "only after" in text, text
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_stop_that_goes_on_waits_between_its_frames(way, tmp_path):
+    with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
+        before, began = list(map(wakes_of, bus.waiting)), time.time()
+        bus.listen(1.0)
+        wakes = [after - earlier for after, earlier in zip(map(wakes_of, bus.waiting), before, strict=True)]
+        assert wakes and max(wakes) < WAKES * (time.time() - began)
+        drives.awake = True
+        process.communicate(timeout=10)
 
 
 @pytest.mark.parametrize("way", WAYS)

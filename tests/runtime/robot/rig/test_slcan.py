@@ -361,8 +361,9 @@ def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, dies,
             out, errors = process.communicate(timeout=10)
         assert took < 1.5 and {data for _, data in again.frames} == {NOTHING, DISABLE}
         assert process.returncode == FAULT and "confirmed by knee" in out
-        if (dies, away) != ("at once", 0.15):
+        if away > 0.15:  # the process that continues the stop opens the adapter at once
             assert "NOT confirmed by knee; its frames continue at a falling rate" in "".join(said) + errors
+        if (dies, away) != ("at once", 0.15):
             assert re.search(r"confirmed by knee only after [\d.]+ s", out)
 
 
