@@ -74,7 +74,7 @@ class Notch(Biquads):
     def design(self, dt: float) -> list[tuple[float, ...]]:
         """Return the biquad (b0, b1, b2, a1, a2). dt : s
 
-        Raises ValueError for a frequency or a bandwidth that the rate is too low for.
+        Raises ValueError for a frequency or a bandwidth that is too high for the rate.
         """
         check_frequency("a frequency", self.frequency, dt)
         if self.frequency / self.q * dt >= 0.5:

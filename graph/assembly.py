@@ -376,7 +376,7 @@ class Assembly:
         }
 
     def damped_stop(self, block: Device) -> DampedStop | None:
-        """Return the DampedStop of a device, with a round that its bus has the capacity for."""
+        """Return the DampedStop of a device, with a round for which its bus has the capacity."""
         stop = block.damped_stop()
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 

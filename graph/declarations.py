@@ -371,7 +371,7 @@ class Param(Declaration, Generic[T]):
         return value
 
     def in_unit(self, value: Any) -> Any:
-        """Convert quantities that name their unit, such as "10 deg", also in a tuple. ValueError"""
+        """Convert quantities that name their unit, such as "10 deg", even in a tuple. ValueError"""
         if isinstance(value, (tuple, list)):
             return type(value)(map(self.in_unit, value)) if self.dtype is tuple else value
         quantity = self.dtype in (float, tuple) and isinstance(value, str) and QUANTITY.match(value)

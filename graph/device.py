@@ -238,8 +238,8 @@ class TorqueBound:
 class Deviation:
     """A setting of an actuator that differs from the table of its model.
 
-    The proof of the torque limit takes the setting for granted; `effect` and `factor` state what holds if the table is
-    correct instead.
+    The proof of the torque limit assumes that the setting is correct; `effect` and `factor` state what holds if the
+    table is correct instead.
 
     parameter : its name; value, table : values of the actuator and of the table, numbers in `unit` or texts
     source : text that names the table

@@ -119,7 +119,7 @@ class ReachCheck:
         return find_ranges(self.blocks, order, self.sources, attempt)
 
     def unit_of(self, block: Block, name: str) -> str:
-        """Return the unit of an input, also of a constant at an input with the unit "any"."""
+        """Return the unit of an input, even of a constant at an input with the unit "any"."""
         unit = self.units[block, name]
         return self.shared_units.get(block, unit) if unit == units.ANY and name not in block.free_units else unit
 

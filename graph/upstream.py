@@ -31,7 +31,7 @@ def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndar
 
 
 def followers_of(sources: dict[tuple[Block, str], np.ndarray | Signal]) -> dict[Signal, list[tuple[Block, str]]]:
-    """Return {Signal: [(block, input)]} of the inputs that each signal is connected to."""
+    """Return {Signal: [(block, input)]} with the inputs to which each signal is connected."""
     followers: dict[Signal, list[tuple[Block, str]]] = {}
     for (block, name), source in sources.items():
         if isinstance(source, Signal):

@@ -205,7 +205,7 @@ def connect(
     loop_timeout: float = 0.1,
     **options: Any,
 ) -> ConnectedRobot | SimulatedLoop:
-    """Arm a robot for a loop of one's own, which runs between its ticks.
+    """Arm a robot for a loop of the caller, which runs between its ticks.
 
         with runtime.connect("robot.py", rig="lab.toml") as robot:
             for tick in robot:

@@ -146,7 +146,7 @@ def check_times(file: str, times: Real) -> None:
 
 
 def leg_of(table: Table, side: str, mass: float) -> Leg:
-    """Return what a file has of a leg. ValueError"""
+    """Return the columns of one leg in a file. ValueError"""
 
     def first(names: tuple[str, ...]) -> Real | None:
         available = [name for name in (each.format(side) for each in names) if name in table.names]
@@ -208,7 +208,7 @@ def flat_feet(legs: list[Leg], strides: list[Strides], walk: Real) -> Real:
 def ground_of(leg: Leg, strides: Strides, walk: Real, stride_time: float) -> tuple[Complex, Real]:
     """Return (force forward + i up in body weights, centre of pressure in foot lengths from the heel) under a foot.
 
-    What is not recorded of the force is that of the average adult with the same stride time and phase; in a stand both
+    Missing forces are those of the average adult with the same stride time and phase; in a stand both
     feet bear the weight. The centre follows from the phase.
     """
     force, centre = ground(entry_of(stride_time), strides.phase % 1.0)

@@ -18,7 +18,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "service",
         "Print a systemd unit that starts a robot when the computer boots, in this folder and with these options of "
-        "`run`. The drives get zero torque until the operator has held a button for 1 s, also after every restart.",
+        "`run`. The drives have zero torque until the operator has held a button for 1 s, even after a restart.",
     )
     add_options(parser, Request, *fields_of(Request), in_sections=True)
     request = instance(Request, parser.parse_args(arguments))

@@ -1,4 +1,4 @@
-"""Options of the command line: a field of a dataclass that declares one, and what the texts are converted to.
+"""Options of the command line: a field of a dataclass that declares one, and converters of their texts.
 
 A converter raises BadInput with one line that has the option, the text and what was expected.
 """

@@ -18,7 +18,7 @@ ROUND_LIMIT = 100  # rounds of `end_marked`: a marked process may start another 
 
 
 def set_mark() -> None:
-    """Mark this process, and thereby every process that it starts from now on.
+    """Mark this process and every process that it starts afterwards.
 
     Does nothing where the system lacks the limit or has restricted it.
     """

@@ -169,7 +169,7 @@ class RunProcess:
             self.poll.register(descriptor, select.POLLIN)
 
     def wait(self) -> Trial:
-        """Print what the run prints until it has ended, and return its Trial. Raises as runtime.run does."""
+        """Print the output of the run until it has ended, and return its Trial. Raises as runtime.run does."""
         self._guarded(lambda over: over)
         return self.trial()
 
@@ -226,7 +226,7 @@ class RunProcess:
             self._release()
 
     def look(self, seconds: float) -> bool:
-        """Take what the process writes within a time in s. Returns whether it has ended."""
+        """Read the output of the process within a time in s. Returns whether it has ended."""
         until = time.monotonic() + seconds
         while True:
             left = max(0.0, until - time.monotonic())

@@ -1,6 +1,6 @@
 """A systemd unit that starts a robot with the computer.
 
-The unit starts `run` with --arm-on: drives get zero torque until the operator holds a button, also after every restart.
+The unit starts `run` with --arm-on: drives have zero torque until the operator holds a button, even after a restart.
 """
 
 from __future__ import annotations

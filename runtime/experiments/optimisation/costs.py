@@ -47,7 +47,7 @@ class Cost:
     def estimate(self, begin: float, start: float, stop: float) -> Estimate:
         """Return the cost. Raises Missing.
 
-        begin, start, stop : times of the change, of the begin and of the end of the measurement, in s
+        begin, start, stop : times of the change, and of the start and the end of the measurement, in s
         """
         raise NotImplementedError
 

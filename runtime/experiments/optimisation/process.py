@@ -211,7 +211,7 @@ class Companion:
         self.send_needs()
 
     def send_needs(self) -> None:
-        """Send what the recorder shows and does, where it has changed."""
+        """Send the display and the orders for the recorder, where they have changed."""
         now = time.monotonic()
         active = not self.protocol.over
         fallback, complete = self.robot.fallback(self.protocol.accepted) if self.changing and active else ([], True)

@@ -187,7 +187,7 @@ class Protocol:
 
     @property
     def status(self) -> str:
-        """One line on what it waits for."""
+        """One line that states the condition for which it waits."""
         left = f" {max(0.0, self.until - self.now):.0f} s" if self.until < math.inf else ""
         words = {
             "confirm": "y applies, n skips",
@@ -246,7 +246,7 @@ class Protocol:
             yield from self._wait("ramp", lambda: self.now >= resume)
 
     def _return(self) -> Steps:
-        """Ramp back to the accepted parameters, whatever is pressed meanwhile."""
+        """Ramp back to the accepted parameters, regardless of keys."""
         while True:
             try:
                 yield from self._ramp(self.accepted)

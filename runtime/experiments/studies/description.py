@@ -231,7 +231,7 @@ def _check_distinct(name, values):
 
 
 def _check_distribution(name, given):
-    """Raise BadInput for a distribution that cannot be drawn from."""
+    """Raise BadInput for a distribution that has no samples."""
     where = f"sample: {name} = {given!r}"
     kind, numbers = next(iter(given.items())) if isinstance(given, dict) and len(given) == 1 else (None, None)
     if kind not in DISTRIBUTIONS:

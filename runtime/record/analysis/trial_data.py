@@ -37,7 +37,7 @@ def split(path: str) -> tuple[str, str]:
 
 
 class TrialData:
-    """Recording. What is asked for is read from its file then, and kept.
+    """Recording. Values are read from its file when they are first used, and kept.
 
     Opening reads the metadata. The first use of anything else checks the whole file: the values that are returned have
     a valid checksum, apart from `unverified`, and those of damaged parts of the file are missing everywhere.

@@ -50,7 +50,7 @@ class LocalRecorder:
         self.status = StatusLine(Terminal(), plan, self.shared)
 
     def drain(self) -> None:
-        """Take what is in the ring."""
+        """Drain the ring."""
         rows, sent, before, others = take(self.shared, self.columns)
         self.receive(rows, sent, before)
         ticks = rows[:, 0].astype(np.int64)
@@ -68,7 +68,7 @@ class LocalRecorder:
         self.status.update(time.monotonic())
 
     def make_room(self, seconds: float) -> bool:
-        """Take what is in the ring. Returns True: there is room again."""
+        """Drain the ring. Returns True: there is room again."""
         self.drain()
         return True
 

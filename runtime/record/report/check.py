@@ -328,7 +328,7 @@ def _verdict(report: Mapping[str, Any], console: Console) -> str:
 
 
 def claim(bound: Mapping[str, Any]) -> str:
-    """Return a format string that states what a torque limit depends on."""
+    """Return a format string that states the assumptions of a torque limit."""
     return {
         "assumed": f"the torque limit of {{}} holds {bound['holds']}",
         "drive": "the torque of {} is limited by the drive alone",

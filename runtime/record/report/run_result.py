@@ -1,4 +1,4 @@
-"""What the reports read of a run that has ended: runtime.session.result.Result, or the state in a fault."""
+"""Attributes of an ended run that reports read: runtime.session.result.Result, or the state in a fault."""
 
 from __future__ import annotations
 

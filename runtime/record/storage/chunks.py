@@ -276,7 +276,7 @@ def walked(plain: Any, only_messages: bool = False) -> Messages:
 
 
 class ExpansionLimit:
-    """Limit on what the chunks of a file expand to. size : size of the file, in bytes"""
+    """Limit on the expanded size of the chunks of a file. size : size of the file, in bytes"""
 
     def __init__(self, size: int) -> None:
         self.left = self.limit = max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * size)

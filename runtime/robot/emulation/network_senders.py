@@ -1,4 +1,4 @@
-"""Senders of emulated network devices: UDP datagrams to the port of the run, or a server that the run connects to."""
+"""Senders of emulated network devices: UDP datagrams to the port of the run, or a server for the run to connect to."""
 
 from __future__ import annotations
 

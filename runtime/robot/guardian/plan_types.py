@@ -132,7 +132,7 @@ class StopDevice(TypedDict):
 class StopReport(TypedDict):
     """Result of a safe stop.
 
-    confirmed, unconfirmed : names of devices; after : {name: s from the begin to its confirmation}
+    confirmed, unconfirmed : names of devices; after : {name: s from the start to its confirmation}
     due : s, after which a confirmation is late; sent : frames; took : s
     """
 

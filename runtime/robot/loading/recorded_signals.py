@@ -17,7 +17,7 @@ PLANT = "plant/"  # start of the paths of a plant's signals
 
 
 def select_recorded(schedule: Schedule) -> Schedule:
-    """Return a Schedule without the columns that no sink takes. Raises BadInput for a name without a signal.
+    """Return a Schedule without the columns that no sink uses. Raises BadInput for a name without a signal.
 
     A recorder takes the columns that its parameter `record` selects, at every n-th tick if it has `every=n`. Sinks
     without connections take what the recorders take; the connected signals of other sinks are recorded at every tick.

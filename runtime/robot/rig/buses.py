@@ -61,7 +61,7 @@ class OpenBus:
 
 
 class Carried:
-    """Interface that the guardian opens and carries frames for. bus : RigBus"""
+    """Interface that the guardian opens, and whose frames it carries. bus : RigBus"""
 
     virtual, remarks, strangers = False, (), None
 

@@ -144,7 +144,7 @@ def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder
 def c_chunk(
     loop: Callable[..., float], rate: float, seconds: float, realtime: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Run the loop in C. Returns what the executor measures of itself.
+    """Run the loop in C. Returns the figures that the executor measures of itself.
 
     That is the lateness and |period - T| of its ticks, in ns, and the number of missed grid points.
     """

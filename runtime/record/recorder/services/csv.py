@@ -81,7 +81,7 @@ class CsvWriter(Service):
             rows = rows[left:]
 
     def row(self, tick: int, time: float, values: list[float]) -> None:
-        """Write one row, without a ring to take batches from."""
+        """Write one row, for a run without a ring of batches."""
         if self.file is not None:
             self.start()
             cells = self.lines.cells(time, tick, values)
