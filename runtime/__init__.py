@@ -7,6 +7,8 @@ import os
 import sys
 from contextlib import suppress
 
+from runtime.host.interrupts import interruptible
+
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -66,6 +68,7 @@ def load(path: str | os.PathLike[str]) -> Trial | Any: ...  # Any: the Trials of
 def load(path: Iterable[str | os.PathLike[str]]) -> Trials: ...  # noqa: F811
 
 
+@interruptible
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:  # noqa: F811
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
@@ -85,6 +88,7 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
     return load(path)
 
 
+@interruptible
 def run(
     diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     duration: float | None = None,
@@ -135,8 +139,12 @@ def run(
         trial={"subject": "S03"}, overrun="fault:5"
 
     A run that ends in a fault returns the Trial up to there, and `trial.fault` describes the fault. Raises BadInput or
-    DiagramError for errors before the run. In the main thread, Ctrl-C ends the run and raises KeyboardInterrupt; in
-    another thread, the run continues to its end.
+    DiagramError for errors before the run.
+
+    Ctrl-C ends the run in the main thread and raises KeyboardInterrupt, whose text is the place of the recording. A
+    program that does not catch it ends with that in one line instead of a traceback, and with the exit code 130 of a
+    shell. This holds for every function of this module, and within `with` of `simulate` and `connect`. In another
+    thread, the run continues to its end.
     """
     with _WholeImports():
         from runtime.host.errors import BadInput
@@ -166,6 +174,7 @@ def run(
     return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
 
 
+@interruptible
 def simulate(
     diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     *,
@@ -193,6 +202,7 @@ def simulate(
     return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
 
 
+@interruptible
 def connect(
     diagram: str | os.PathLike[str],
     *,
@@ -255,6 +265,7 @@ def connect(
     return ConnectedRobot(lambda: process_of(diagram, settings, **given), loop_timeout)
 
 
+@interruptible
 def check(
     diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     *,
@@ -285,6 +296,7 @@ def check(
     return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))
 
 
+@interruptible
 def study(
     diagram: str | os.PathLike[str] | Callable[..., Diagram],
     duration: float,
@@ -342,6 +354,7 @@ def study(
     return run(Study(**given), None if output is None else Path(output), workers, dask)
 
 
+@interruptible
 def optimise(
     diagram: str | os.PathLike[str] | Callable[..., Diagram],
     duration: float,

@@ -17,6 +17,7 @@ import numpy as np
 from cext.recording.newest_row import NewestRow
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.host.errors import BadInput, RunFault
+from runtime.host.interrupts import interruptible
 from runtime.host.live import table
 from runtime.host.live.requests import as_text, changes_of
 from runtime.host.suggestions import suggestion
@@ -48,6 +49,7 @@ class ConnectedRobot:
         self._tickets: dict[int, tuple[str, dict[int, float]]] = {}  # {ticket: names and values of the request}
         self.missed = 0
 
+    @interruptible
     def __enter__(self) -> Self:
         """Arm the robot. Raises BadInput if the run did not start, and RunFault for a fault while arming."""
         self._run = self._begin()
@@ -61,8 +63,10 @@ class ConnectedRobot:
         self._row = NewestRow(shared, len(self._columns))
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    @interruptible
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
+        self._run.explain(error)
 
     def __iter__(self) -> Iterator[int]:
         """Yield each tick after it was done. The run ends with the loop. Raises RunFault after a fault."""

@@ -30,6 +30,7 @@ from cext.schedule.mailbox_writer import Writer
 from runtime.host.console.cell import in_cell
 from runtime.host.console.confirm import discard_typed
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, BadInput
+from runtime.host.interrupts import show_as_line
 from runtime.host.live.requests import as_text
 from runtime.host.live.running import shared_state_of
 from runtime.host.suggestions import unknown_option
@@ -208,6 +209,11 @@ class RunProcess:
             raise RuntimeError(f"the process of the run ended with {how} and without a report; see its recording")
         return Trial(recording)
 
+    def explain(self, error: object) -> None:
+        """State in a KeyboardInterrupt that has ended the run where its recording is."""
+        if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
+            show_as_line(error, f"the run was stopped; its recording is {recording}")
+
     def _guarded(self, done: Callable[[bool], bool]) -> None:
         """Follow the run until `done`, a function of whether it has ended. An exception ends the run."""
         try:
@@ -219,8 +225,7 @@ class RunProcess:
         except BaseException as error:
             self._stop()
             self._release()
-            if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
-                raise KeyboardInterrupt(f"the run was stopped; its recording is {recording}") from None
+            self.explain(error)
             raise
         if over:
             self._release()

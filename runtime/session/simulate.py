@@ -18,6 +18,7 @@ import numpy as np
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.host.errors import BadInput, RunFault
+from runtime.host.interrupts import interruptible, show_as_line
 from runtime.host.live.requests import as_text, changes_of
 from runtime.host.live.table import describe, parse
 from runtime.host.suggestions import suggestion
@@ -159,6 +160,7 @@ class SimulatedRun:
         if self.fault is not None:
             raise RunFault(self.fault)
 
+    @interruptible
     def advance(self, ticks: int) -> None:
         """Advance the run by a number of ticks. A fault ends it."""
         with self._alone():
@@ -368,8 +370,10 @@ class SimulatedRun:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
+        if isinstance(error, KeyboardInterrupt):
+            show_as_line(error)
 
     def __repr__(self) -> str:
         fault = "" if self.fault is None else f", fault: {self.fault['status']}"

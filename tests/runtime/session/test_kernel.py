@@ -6,7 +6,7 @@ import pytest
 from jupyter_client.manager import start_new_kernel
 
 import runtime
-from tests.runtime.robot.guardian.bus import ROBOT, Bus
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
 from tests.runtime.runs import DISABLE, KNEE_EXO, NOTHING, environment, write
 from tests.runtime.session.test_own_process import sent
 
@@ -31,7 +31,7 @@ ON_A_RIG = 'runtime.run("robot.py", rig="lab.toml", realtime="off"{more})'
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("notebook")
-    write(made, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
+    write(made, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=PATIENT))
     return made
 
 
@@ -69,7 +69,7 @@ class Kernel:
             elif kind == "execute_result":
                 result = content["data"]
             elif kind == "error":
-                error = f"{content['ename']}: {content['evalue']}"
+                error, self.shown = f"{content['ename']}: {content['evalue']}", content["traceback"]
             elif kind == "status" and content["execution_state"] == "idle":
                 return streams, result, error
 
@@ -98,6 +98,7 @@ def test_the_interrupt_stops_the_robot_safely_and_leaves_the_kernel_alive(kernel
         kernel.manager.interrupt_kernel()
         streams, _, error = kernel.outputs(request)
     assert error.startswith("KeyboardInterrupt: the run was stopped; its recording is recordings/robot_")
+    assert kernel.shown == [f"tickwork: stopped by Ctrl-C: {error.partition(' ')[2]}"]
     assert "stopped by SIGINT (Ctrl-C)" in streams and "confirmed by left/knee, right/knee" in streams
     trial = runtime.load(os.path.join(folder, error.rpartition(" ")[2]))
     assert trial.complete and trial.end["ended"] == "stopped by SIGINT" and sent(trial)[-2:] == [NOTHING, DISABLE]

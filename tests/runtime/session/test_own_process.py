@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -18,7 +17,7 @@ from runtime.host.errors import BadInput
 from runtime.host.live.running import shared_state_of
 from runtime.record.storage.format import Frame
 from runtime.session import own_process
-from tests.runtime.robot.guardian.bus import ROBOT, Bus
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, server, write
 from tests.runtime.terminals import patient
 
@@ -38,7 +37,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def bus(folder):
-    write(folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
+    write(folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=PATIENT))
     with Bus(folder, number=11) as bus:
         yield bus
 
@@ -220,29 +219,3 @@ def test_a_process_that_does_not_end_is_killed_at_the_third_interrupt(folder, mo
     threading.Thread(target=strike).start()
     with pytest.raises(KeyboardInterrupt):
         runtime.run(robot, 1, fast=False)
-
-
-CAUGHT = """
-import runtime, sys
-try:
-    print("begun", flush=True)
-    runtime.run(sys.argv[1], 5.0, fast=False)
-except KeyboardInterrupt:
-    print("interrupted")
-"""
-
-
-@paced
-@pytest.mark.parametrize("after", [0.02 * step for step in range(1, 16)])
-def test_ctrl_c_while_the_run_is_imported_and_started_prints_no_traceback(tmp_path, after):
-    """In the script, and in the process of the run, which gets the signal from it."""
-    robot = knee(tmp_path)
-    script = subprocess.Popen(
-        [sys.executable, "-c", CAUGHT, robot],
-        cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-    assert script.stdout.readline() == "begun\n"
-    time.sleep(after)
-    script.send_signal(signal.SIGINT)
-    printed = script.communicate(timeout=20)[0]
-    assert "Traceback" not in printed and printed.endswith("interrupted\n")
