@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.cli.parsing import short_program
 from runtime.host import ending, installation_check
-from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.console.terminal import exit_code, print_lines, print_to_stderr
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.host.suggestions import suggestion
 
@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> i
         code = 128 + signal.SIGINT
     ending.handled()
     print_lines([])  # flush what the user's code has printed
-    return code
+    return exit_code(code)
 
 
 def system_error(error: OSError) -> str | None:

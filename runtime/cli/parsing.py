@@ -10,7 +10,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from runtime.host.console.terminal import print_lines, program
+from runtime.host.console.terminal import exit_code, print_lines, program
 from runtime.host.errors import BadInput
 from runtime.host.options import count
 from runtime.host.suggestions import unknown_option
@@ -87,6 +87,10 @@ class Parser(argparse.ArgumentParser):
     def print_help(self, file: Any = None) -> None:
         """Write the help to standard output. file : ignored"""
         print_lines(self.format_help().splitlines())
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """End the program after its help. message : never given"""
+        raise SystemExit(exit_code(status))
 
     def error(self, message: str) -> NoReturn:
         """Raise BadInput with the message of argparse, or a clearer one where a file is missing."""

@@ -1,6 +1,7 @@
 """Command-line output: results on standard output, errors on standard error.
 
-A failure to write does not change the exit code: a closed pipe (`| head -1`), a full disk, a closed terminal.
+A failure to write never ends a run. If a result is lost on a full disk, its command fails (`exit_code`); a closed pipe
+(`| head -1`) and a closed terminal change nothing.
 """
 
 from __future__ import annotations
@@ -11,9 +12,13 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
+from runtime.host.errors import BAD_INPUT, OK
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
+
+LOST = "has_lost_text"  # attribute of a stream to which a result could not be written
 
 
 def program() -> str:
@@ -137,6 +142,12 @@ def write(lines: Iterable[object], stream: TextIO | None) -> None:
         _discard(stream)
         if stream is not sys.stderr:
             print_to_stderr([f"tickwork: cannot write to standard output: {error.strerror}"])
+            setattr(stream, LOST, True)
+
+
+def exit_code(code: int) -> int:
+    """Return the exit code of a command: that of an unusable file if standard output has lost its result."""
+    return BAD_INPUT if code == OK and getattr(sys.stdout, LOST, False) else code
 
 
 def readable(text: str, encoding: str) -> str:

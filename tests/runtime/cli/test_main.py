@@ -443,12 +443,35 @@ def test_a_library_that_a_command_cannot_load_is_reported_in_one_line(command_li
     assert text in command_line.refused("doctor")
 
 
-def test_a_full_disk_behind_standard_output_is_reported(tmp_path):
+RESULTS = {
+    "a run": ("robot.py", "--fast", "--duration", "1", "--no-record"),
+    "a check": ("check", "robot.py"),
+    "a document": ("check", "robot.py", "--json"),
+    "a list": ("blocks",),
+    "a drawing": ("draw", "robot.py", "--format", "mermaid", "-o", "-"),
+    "the help": ("--help",),
+    "the help of a command": ("check", "--help"),
+    "the version": ("--version",),
+}
+
+
+@pytest.mark.parametrize("words", RESULTS.values(), ids=RESULTS)
+def test_a_result_that_standard_output_does_not_take_is_an_error(tmp_path, words):
     knee(tmp_path)
     with open("/dev/full", "w") as full:
-        process = started("robot.py", "--fast", "--duration", "1", "--no-record", cwd=tmp_path, stdout=full)
+        process = started(*words, cwd=tmp_path, stdout=full)
         error = process.communicate(timeout=60)[1]
-    assert (process.returncode, error) == (OK, "tickwork: cannot write to standard output: No space left on device\n")
+    line = "tickwork: cannot write to standard output: No space left on device\n"
+    assert (process.returncode, error) == (BAD_INPUT, line)
+
+
+@pytest.mark.parametrize("words", RESULTS.values(), ids=RESULTS)
+@pytest.mark.parametrize("to", ["| head -c 1", ">&-"], ids=["a pipe that is closed early", "a closed stream"])
+def test_an_output_that_nothing_reads_is_no_error(tmp_path, words, to):
+    knee(tmp_path)
+    command = f"set -o pipefail; {sys.executable} -m runtime {' '.join(words)} {to}"
+    process = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=environment(), capture_output=True, timeout=60)
+    assert (process.returncode, process.stderr) == (OK, b"")
 
 
 def test_closed_standard_streams_do_no_harm(tmp_path):
