@@ -93,7 +93,7 @@ def _retry(number, frame):
 
 
 def _unraisable(entry):
-    if _raised is None:
+    if _raised is None and entry.exc_type is not KeyboardInterrupt:  # of the watchdog, which has noted that it hung
         sys.__unraisablehook__(entry)
 
 

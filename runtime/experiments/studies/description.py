@@ -226,7 +226,7 @@ def _check_distinct(name, values):
     known = set()
     for value in values:
         if (type(value), value) in known:
-            raise BadInput(f"{name} = {values!r}: {value!r} is given twice, and equal trials have equal results")
+            raise BadInput(f"{name}: {value!r} is given twice, and equal trials have equal results")
         known.add((type(value), value))
 
 

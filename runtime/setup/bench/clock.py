@@ -22,7 +22,7 @@ import numpy as np
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.clock.histogram import counts_of, percentile
+from cext.clock.histogram import counts_of
 from graph import Block, Diagram, Input, Output, compile
 from runtime.host.console.progress import rounds
 from runtime.host.ending import uninterrupted
@@ -33,6 +33,7 @@ from runtime.session.prepare import Prepared
 from runtime.session.request import Request
 from runtime.session.session import Session
 from runtime.setup.bench.c_program import C_GRID, build
+from runtime.setup.bench.report import lateness as measured
 
 if TYPE_CHECKING:
     from runtime.session.result import Result
@@ -83,17 +84,17 @@ class Kept:
     def add(self, lateness: np.ndarray, period: np.ndarray, ticks: int, missed: int) -> None:
         """Add the samples of a chunk. lateness, period : counts; ticks, missed : grid points"""
         if lateness.any():
-            self.each.append(percentile(lateness, 0.99))
+            self.each.append(measured(lateness, 0.99))
         self.lateness, self.period = self.lateness + lateness, self.period + period
         self.ticks, self.missed = self.ticks + ticks, self.missed + missed
 
     def late(self, share: float) -> float:
         """Return the lateness in s that this share of the ticks does not exceed."""
-        return percentile(self.lateness, share)
+        return measured(self.lateness, share)
 
     def off(self, share: float) -> float:
         """Return |period - T| in s that this share of the ticks does not exceed."""
-        return percentile(self.period, share)
+        return measured(self.period, share)
 
 
 class Pass(Block):

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from runtime.host.console.terminal import print_lines
+from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,6 +37,18 @@ def spread(values: np.ndarray) -> dict[str, float]:
         "p99": float(np.percentile(values, 99)),
         "max": float(values.max()),
     }
+
+
+def lateness(counts: np.ndarray, share: float) -> float:
+    """Return the time in s that this share of the ticks does not exceed. Raises BadInput without a tick.
+
+    counts : as of cext.clock.histogram.counts_of
+    """
+    from cext.clock.histogram import percentile
+
+    if not counts.any():
+        raise BadInput("no tick ran in time to be measured: end other programs, or pass a longer --seconds")
+    return percentile(counts, share)
 
 
 class Report:

@@ -13,7 +13,7 @@ import numpy as np
 from blocks.families import benchmark
 from blocks.mathematics import Gain
 from blocks.sources import Sine
-from cext.clock.histogram import counts_of, percentile
+from cext.clock.histogram import counts_of
 from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.kernel_table import feed
@@ -24,6 +24,7 @@ from runtime.host.ending import uninterrupted
 from runtime.host.machine.realtime import PRIORITY, Realtime
 from runtime.robot.rig.streams import StreamLines
 from runtime.setup.bench.processes import emulation
+from runtime.setup.bench.report import lateness
 
 SENSORS, RATE, LOOP = 8, 500.0, 200.0  # how many; Hz
 SERIALS = [str(700001 + number) for number in range(SENSORS)]
@@ -151,10 +152,10 @@ def summary(alone: Beside, beside: Beside, native: float, python: float) -> dict
         "overflows": beside.overflows,
         "missed": {"alone": alone.missed, "beside": beside.missed},
         "late_p50_us": {
-            name: percentile(row.lateness, 0.5) * 1e6 for name, row in (("alone", alone), ("beside", beside))
+            name: lateness(row.lateness, 0.5) * 1e6 for name, row in (("alone", alone), ("beside", beside))
         },
         "late_p99_us": {
-            name: percentile(row.lateness, 0.99) * 1e6 for name, row in (("alone", alone), ("beside", beside))
+            name: lateness(row.lateness, 0.99) * 1e6 for name, row in (("alone", alone), ("beside", beside))
         },
         "native_mb_s": native,
         "python_mb_s": python,

@@ -238,11 +238,11 @@ MISTAKES = {
         "duration = 0.5\nsample = { fails = { uniform = [0, 1] } }",
         "missing key 'samples': the number of values",
     ),
-    "a seed twice": ("duration = 0.5", "duration = 0.5\nseeds = [1, 2, 1]", r"seeds = .*: 1 is given twice"),
+    "a seed twice": ("duration = 0.5", "duration = 0.5\nseeds = [1, 2, 1]", r"seeds: 1 is given twice"),
     "a seed that no column holds": ("duration", f"seeds = [{2**63}]\nduration", "seeds = .* at most 64 bits"),
     "an integer that no column holds": ("[1, 2, 3.5]", f"[1, {-(2**63) - 1}]", "grid: gain = .* at most 64 bits"),
     "no number": ("[1, 2, 3.5]", "[1, nan, nan]", "grid: gain = .*expected a list of numbers"),
-    "a value twice": ("[1, 2, 3.5]", "[1, 2, 2]", r"grid: gain = \[1, 2, 2\]: 2 is given twice"),
+    "a value twice": ("[1, 2, 3.5]", "[1, 2, 2]", r"grid: gain: 2 is given twice"),
     "a name in two tables": (
         "[objectives]",
         "[settings]\ngain = 2\n[objectives]",

@@ -83,14 +83,15 @@ def test_motors_that_pause_for_a_second_miss_replies_and_end_no_measurement():
 
 def test_a_signal_ends_a_measurement_in_the_middle():
     bus, began = MemoryBus(), time.monotonic()
+    program = Program(compile(can_cost.robot()), [bus.host])
     before = signal.signal(signal.SIGALRM, lambda number, frame: 1 / 0)
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.05)
         with pytest.raises(ZeroDivisionError):
-            time_of_control(Program(compile(can_cost.robot()), [bus.host]), bus.device, can_cost.ANSWERS, 300_000)
+            time_of_control(program, bus.device, can_cost.ANSWERS, 300_000_000)
     finally:
         signal.signal(signal.SIGALRM, before)
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 30.0
 
 
 def test_a_fault_of_a_drive_names_it():

@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from cext.clock.histogram import counts_of, percentile, percentiles
-from runtime.host.errors import OK
+from runtime.host.errors import OK, BadInput
 from runtime.setup.bench import clock, costs
 from runtime.setup.bench.c_program import build
 
@@ -35,7 +35,7 @@ def test_bench_clock_reports_both_loops_at_every_rate_and_costs_of_a_tick(comman
 
 def test_under_load_the_processors_are_kept_busy_and_left_alone_afterwards(command_line):
     before = set(psutil.Process().children())
-    code, out, _ = command_line("bench", "clock", "--seconds", "0.05", "--repeats", "1", "--load", "--busy-thread")
+    code, out, _ = command_line("bench", "clock", "--seconds", "0.3", "--repeats", "1", "--load", "--busy-thread")
     assert (
         code == OK
         and "all processors loaded, a busy Python thread" in out
@@ -64,6 +64,8 @@ def test_samples_are_pooled_by_their_counts():
     assert percentile(pooled, 0.5) == pytest.approx(percentiles([*one, *two])["p50"], rel=1e-12)
     with pytest.raises(ValueError, match="the histogram is empty"):
         percentile(counts_of([]), 0.5)
+    with pytest.raises(BadInput, match="no tick ran in time to be measured: end other programs, or pass a longer"):
+        clock.Kept().late(0.5)
 
 
 def test_the_benchmark_diagram_has_the_stated_number_of_signals():

