@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import queue
+import re
 import socket
 import subprocess
 import sys
@@ -80,6 +81,12 @@ def environment(**more):
     path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     return ours | {"PATH": path, "PYTHONPATH": str(ROOT), "LC_ALL": "C.UTF-8"} | more
+
+
+def in_stalls(printed):
+    """Grid points of a simulation in real time at which its time stood still, from the report of the run."""
+    found = re.search(r"^  stalls +(\d+) of the missed", printed, re.MULTILINE)
+    return int(found[1]) if found else 0
 
 
 def finished(*arguments, cwd, timeout=60, cold=False, **more):

@@ -174,7 +174,7 @@ def test_a_space_while_the_run_starts_ends_it(tmp_path, terminal):
 
 
 def test_the_space_bar_stops_a_run_whose_block_has_closed_all_descriptors(tmp_path, terminal):
-    law = "import os\n        if tick == 20: os.closerange(3, 256)\n        return self.angle"
+    law = "import os\n        if tick >= 20: os.closerange(3, 256)\n        return self.angle"
     write(
         tmp_path,
         live_diagram(tmp_path)

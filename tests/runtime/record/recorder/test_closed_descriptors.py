@@ -12,7 +12,9 @@ pytestmark = pytest.mark.paced
 
 @pytest.mark.parametrize("ending", ["signal", "duration"])
 def test_run_with_closed_descriptors_ends_with_summary_and_complete_files(tmp_path, ending):
-    path = knee(tmp_path, "import os; tick == 20 and (os.closerange(3, 256), print('closed', flush=True)); return 1.0")
+    close = "import os\n        self.closed = [os.closerange(3, 256), print('closed', flush=True)]"
+    law = "if tick >= 20 and not hasattr(self, 'closed'): self.close()\n        return 1.0"
+    path = knee(tmp_path, f"{law}\n\n    def close(self):\n        {close}")
     process = started(path, "--duration", "20" if ending == "signal" else "0.3", cwd=tmp_path)
     assert process.stdout.readline() == "closed\n"
     began = time.monotonic()

@@ -27,9 +27,13 @@ from graph import Block, Diagram, Output
 class Law(Block):
     y = Output("1")
 
+    def reset(self):
+        self.slept = False
+
     def step(self, tick):
-        if 20 <= tick < 24:  # a late loop may skip tick 20; after the sleep it skips to tick 30
-            time.sleep(0.05)
+        if tick >= 20 and not self.slept:  # a late loop may skip tick 20; after the sleep it skips the rest
+            self.slept = True
+            time.sleep(0.5)
         return 1.0
 
 
@@ -74,11 +78,10 @@ def test_a_missing_reply_on_a_busy_machine_names_the_machine():
 
 
 def test_the_wait_for_a_processor_is_counted():
-    before = processor_wait()
-    deadline = time.monotonic() + 0.2
-    while time.monotonic() < deadline:
+    begun, before = time.monotonic(), processor_wait()
+    while time.monotonic() < begun + 0.2:
         pass
-    assert 0.0 <= processor_wait() - before <= 0.2
+    assert 0.0 <= processor_wait() - before <= time.monotonic() - begun
 
 
 def blamed(name, at_tick=100):
@@ -127,7 +130,7 @@ def test_an_overrun_of_the_machine_names_the_remedy():
 
 
 def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
-    result = Session(prepare(Request(write(tmp_path, SLEEPS), duration=0.125, no_record=True))).carry_out()
+    result = Session(prepare(Request(write(tmp_path, SLEEPS), duration=0.5, no_record=True))).carry_out()
     said = before_fault(
         SimpleNamespace(
             outcome=SimpleNamespace(status="silent", tick=round(result.newest[-1][0]) + 30, culprit=None),
@@ -138,7 +141,7 @@ def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
             diagram=result.diagram,
         )
     )
-    assert said.startswith("; the loop had lost ") and re.search(r" \(tick 2[0-3]\)$", said) and ": law took 5" in said
+    assert re.fullmatch(r"; the loop had lost \d+ ticks before that: law took [\d.]+ m?s \(tick [2-9]\d\)", said), said
 
 
 def test_the_first_line_of_a_report_contains_the_fault(tmp_path):

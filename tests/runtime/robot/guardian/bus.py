@@ -55,6 +55,8 @@ def build():
     return diagram
 '''
 
+PATIENT = ", timeout=1.0"  # of a drive whose emulator a busy machine may hold up, in a test that is not about silence
+
 
 @dataclass(frozen=True)
 class Heard:

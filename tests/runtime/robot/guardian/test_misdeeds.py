@@ -49,12 +49,15 @@ def bus(tmp_path):
 
 
 def misled(bus, deed, *words, allowed=STOP):
-    """A run with a block that does something in tick 40. Returns (its process, standard output, standard error)."""
+    """A run with a block that does something once, in tick 40 or the next that is not skipped.
+
+    Returns (its process, standard output, standard error).
+    """
     lines = ["import os, resource, signal, sys", "", "", "def do():", textwrap.indent(deed, "    "), ""]
     (bus.folder / "deed.py").write_text("\n".join(lines))
     blocks = "import os, sys\n\n\ndef once():\n    if 'deed' not in sys.modules:\n"
     blocks += "        sys.path[:0] = [os.path.dirname(__file__)]\n        import deed\n\n        deed.do()\n"
-    process = bus.start("--record", "out", *words, law="if tick == 40: once()", blocks=blocks)
+    process = bus.start("--record", "out", *words, law="if tick >= 40: once()", blocks=blocks)
     bus.await_torque()
     everybody = family(process)
     assert bus.listen(5.0, lambda frame: frame.data == DISABLE) is not None, "the drives were never stopped"
@@ -71,12 +74,12 @@ def test_a_block_that_closes_the_descriptors_of_the_run_ends_it_at_once_and_is_r
     process, _, err = misled(bus, deed)
     assert process.returncode == 3
     assert re.search(
-        r"FAULT at knees, tick 4\d .*: stopped by the guardian, because the control process has closed", err
+        r"FAULT at knees, tick [4-9]\d .*: stopped by the guardian, because the control process has closed", err
     )
     assert "  file descriptors of the run were closed or replaced: the orders to the guardian, the answers of" in err
     assert "tickwork guardian: the control process has closed its connection to the guardian after tick " in err
     assert "confirmed by left/knee, right/knee" in err
-    assert Files(tmp_path / "out").sidecar["last_tick"] < 60
+    assert Files(tmp_path / "out").sidecar["last_tick"] < 100
 
 
 @pytest.mark.parametrize(
