@@ -7,10 +7,10 @@ reference. All are timed in turn, in processor time of one thread.
 import argparse
 import importlib
 
-from runtime.setup.bench import can_cost
-from runtime.setup.bench.c_program import NoCompiler
 from runtime.setup.bench.measure import interleave, table
 from runtime.setup.bench.report import machine_lines
+from tests.bench import can_cost
+from tests.bench.c_program import NoCompiler
 from tests.peers import netlists, python_can, reading, recording, study
 from tests.peers.agreement import check
 from tests.peers.by_hand import PlainPython, StraightC

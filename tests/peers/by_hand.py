@@ -4,7 +4,7 @@ import ctypes
 import time
 from math import sin
 
-from runtime.setup.bench.c_program import build
+from tests.bench.c_program import build
 from tests.peers.netlists import RATE
 
 # The body of a tick, in words that both languages have; {y} is the node's own name, {u}, {v}, {w} what it hears.

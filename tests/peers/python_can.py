@@ -12,7 +12,7 @@ from can import BusABC, Listener, Message, Notifier
 from can.interfaces.socketcan.socketcan import SocketcanBus
 
 from cext.bus.socketcan import SocketCan
-from runtime.setup.bench.can_cost import ANSWERS, ends
+from tests.bench.can_cost import ANSWERS, ends
 
 POSITION, VELOCITY, TORQUE = 12.5, 50.0, 18.0  # half ranges of an AK80-9's wire
 LIMIT = 5.0  # N·m

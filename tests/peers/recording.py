@@ -12,7 +12,7 @@ import time
 
 from mcap.writer import CompressionType, Writer
 
-from runtime.setup.bench import recorder_cost
+from tests.bench import recorder_cost
 
 MESSAGES = 4  # of a tick: two subsystems, the tick, the frames of a bus
 ROSBAG2 = {"MCAP with zstd": 41.1e6, "SQLite": 18.0e6}  # bytes a second in messages of 100 bytes

@@ -8,8 +8,8 @@ import pytest
 
 from cext.bus.socketcan import SocketCan
 from runtime.experiments.studies.engine import Here
-from runtime.setup.bench.c_program import NoCompiler
-from runtime.setup.bench.can_cost import ANSWERS, ends
+from tests.bench.c_program import NoCompiler
+from tests.bench.can_cost import ANSWERS, ends
 from tests.peers import netlists, python_can, reading, recording, study
 from tests.peers.__main__ import OURS, PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check

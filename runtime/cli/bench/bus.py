@@ -8,14 +8,13 @@ import numpy as np
 
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
-from runtime.host.errors import OK, BadInput
+from runtime.host.errors import BadInput
 from runtime.host.options import count
-from runtime.setup.bench import goals
-from runtime.setup.bench.report import Report, machine, machine_lines, spread
+from runtime.setup.bench.report import Report, machine, machine_lines, row, spread
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the table. Returns the Report."""
     parser = Parser("bench bus", "Measure the cost of a bus per tick, and the latency that the guardian adds.")
     parser.add_argument(
         "--rounds", type=count("--rounds"), default=20_000, metavar="N", help="ticks on the native bus (default: 20000)"
@@ -33,19 +32,18 @@ def main(arguments: Sequence[str]) -> int:
 
     report = Report(options.json)
     report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())
-    results = {}
     try:
         through, alone = (np.array(times) * 1e-3 for times in bus.host_cost(rounds=options.rounds))
-        results["host_us"], results["calls_us"], results["beyond_us"] = (
-            spread(through),
-            spread(alone),
-            spread(through - alone),
-        )
         direct, carried = (np.array(times) * 1e6 for times in bus.round_trips(trips=options.trips))
-        results["direct_us"], results["guardian_us"] = spread(direct), spread(carried)
-        results["added_p99_us"] = results["guardian_us"]["p99"] - results["direct_us"]["p99"]
     except OSError as error:
         raise BadInput(str(error)) from None
+    results = {
+        "host_us": spread(through),
+        "calls_us": spread(alone),
+        "beyond_us": spread(through - alone),
+        "direct_us": spread(direct),
+        "guardian_us": spread(carried),
+    }
     report.say(
         [
             "",
@@ -56,13 +54,6 @@ def main(arguments: Sequence[str]) -> int:
             row("round trip through python-can, µs", results["direct_us"]),
             row("the same through the guardian, µs", results["guardian_us"]),
         ],
-        bus=results,
+        bus={**results, "added_p99_us": results["guardian_us"]["p99"] - results["direct_us"]["p99"]},
     )
-    report.goals += goals.of_bus(results)
-    report.finish()
-    return OK
-
-
-def row(name: str, results: dict[str, float]) -> str:
-    """Return a line of the table. results : as returned by `spread`"""
-    return f"  {name:44}{results['p50']:9.2f}{results['p99']:9.2f}{results['max']:9.2f}"
+    return report

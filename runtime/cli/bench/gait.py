@@ -8,16 +8,15 @@ from types import ModuleType
 
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
-from runtime.host.errors import OK, BadInput
+from runtime.host.errors import BadInput
 from runtime.host.options import number
-from runtime.setup.bench import goals
 from runtime.setup.bench.report import Report
 
 FIGURES = ("missed", "invented", "median_ms", "p95_ms", "phase_rms_percent")
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the tables. Returns the Report."""
     parser = Parser(
         "bench gait",
         "Measure the gait estimators on recorded walking: heel strikes missed and invented, their timing error, and "
@@ -77,9 +76,7 @@ def main(arguments: Sequence[str]) -> int:
             results.append({"recording": recording, "leg": leg.name, "estimators": rows})
             report.say(table(f"{Path(recording).name}, {leg.name} leg", rows))
     report.say([], gait=results, rate=options.rate, noise=options.noise)
-    report.goals += goals.of_gait([result["estimators"] for result in results])
-    report.finish()
-    return OK
+    return report
 
 
 def _known(recordings: ModuleType) -> list[str]:

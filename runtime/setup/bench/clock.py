@@ -1,21 +1,21 @@
-"""Lateness of the executor, compared with a loop in C that only sleeps.
+"""Lateness of the executor.
 
-The loop is compiled on this machine. Chunks alternate, and their samples are pooled.
+Chunks of the contenders alternate, and the samples of each are pooled.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,44 +26,30 @@ from cext.clock.histogram import counts_of
 from graph import Block, Diagram, Input, Output, compile
 from runtime.host.console.progress import rounds
 from runtime.host.ending import uninterrupted
-from runtime.host.machine.realtime import Realtime
 from runtime.host.system import end_with_parent
 from runtime.robot.loading.simulation import Simulation
 from runtime.session.prepare import Prepared
 from runtime.session.request import Request
 from runtime.session.session import Session
-from runtime.setup.bench.c_program import C_GRID, build
 from runtime.setup.bench.report import lateness as measured
 
-if TYPE_CHECKING:
-    from runtime.session.result import Result
-
 SIGNALS = 60  # that are recorded
-PYTHON_BLOCKS = 10
-C, NATIVE, PYTHON = "C, clock_nanosleep", "Tickwork, native blocks", "Tickwork, ten Python blocks"
 
-C_LOOP = (
-    C_GRID
-    + """
-/* Wake-ups behind the grid, in ns; -1 where a grid point was missed. */
-double run(long period, long ticks, double *late, double *unused)
-{
-    struct grid grid = grid_from_now(period);
-    long long behind;
-    long k;
-    (void)unused;
-    for (k = 0; k < ticks; k++) {
-        behind = wait_for_point(&grid, k);
-        if (behind < 0)
-            return -1.0;
-        for (; behind >= period && k < ticks - 1; behind -= period)
-            late[k++] = -1.0;
-        late[k] = (double)behind;
-    }
-    return 0.0;
-}
-"""
-)
+
+class Samples(NamedTuple):
+    """What one chunk measured.
+
+    lateness, period : counts, as in cext.clock.histogram.counts_of
+    ticks, missed : grid points
+    """
+
+    lateness: np.ndarray
+    period: np.ndarray
+    ticks: int
+    missed: int
+
+
+Contender = Callable[[float, float, str, str], Samples]
 
 
 @dataclass
@@ -81,12 +67,12 @@ class Kept:
     missed: int = 0
     each: list[float] = field(default_factory=list)
 
-    def add(self, lateness: np.ndarray, period: np.ndarray, ticks: int, missed: int) -> None:
-        """Add the samples of a chunk. lateness, period : counts; ticks, missed : grid points"""
-        if lateness.any():
-            self.each.append(measured(lateness, 0.99))
-        self.lateness, self.period = self.lateness + lateness, self.period + period
-        self.ticks, self.missed = self.ticks + ticks, self.missed + missed
+    def add(self, samples: Samples) -> None:
+        """Add the samples of a chunk."""
+        if samples.lateness.any():
+            self.each.append(measured(samples.lateness, 0.99))
+        self.lateness, self.period = self.lateness + samples.lateness, self.period + samples.period
+        self.ticks, self.missed = self.ticks + samples.ticks, self.missed + samples.missed
 
     def late(self, share: float) -> float:
         """Return the lateness in s that this share of the ticks does not exceed."""
@@ -123,14 +109,14 @@ def diagram(rate: float, python_blocks: int = 0, signals: int = SIGNALS) -> Diag
     return made
 
 
-def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder: str) -> Result:
-    """Carry out one run with a recorder that writes files. Returns its Result.
+def chunk(rate: float, seconds: float, realtime: str, folder: str, python_blocks: int = 0) -> Samples:
+    """Carry out one run with a recorder that writes files. Returns its samples.
 
     rate : Hz
     seconds : duration
-    python_blocks : number of Python blocks
     realtime : as in `--realtime`
-    folder : folder of the recording
+    folder : of the recording
+    python_blocks : number of Python blocks
     """
     made = diagram(rate, python_blocks)
     schedule = compile(made)
@@ -139,37 +125,19 @@ def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder
         Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate))
     ).carry_out()
     uninterrupted(result.outcome)
-    return result
+    statistics, shared = result.statistics, result.shared
+    assert shared is not None
+    return Samples(shared.counts("lateness"), shared.counts("period"), statistics["ticks"], statistics["missed"])
 
 
-def c_chunk(
-    loop: Callable[..., float], rate: float, seconds: float, realtime: str
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Run the loop in C. Returns the figures that the executor measures of itself.
-
-    That is the lateness and |period - T| of its ticks, in ns, and the number of missed grid points.
-    """
-    ticks = round(seconds * rate)
-    late, unused = (ctypes.c_double * ticks)(), (ctypes.c_double * 1)()
-    with Realtime(realtime):
-        loop(round(1e9 / rate), ticks, late, unused)
-    return kept_time(np.frombuffer(memoryview(late)).astype(np.int64), round(1e9 / rate))
-
-
-def kept_time(late: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return (lateness of each tick, |period - T|, number of missed grid points), in ns.
-
-    late : lateness of every grid point in ns, -1 for a missed one. The result is that behind the grid point that was
-        awaited
-    period : ns
-    """
-    ran = np.flatnonzero(late >= 0)
-    missed = np.diff(ran, prepend=-1) - 1
-    behind = late[ran] + missed * period
-    return behind, abs(behind[1:] - late[ran][:-1]), int(missed.sum())
+CONTENDERS: dict[str, Contender] = {
+    "Tickwork, native blocks": chunk,
+    "Tickwork, ten Python blocks": partial(chunk, python_blocks=10),
+}
 
 
 def measure(
+    contenders: Mapping[str, Contender],
     rates: Sequence[int],
     seconds: float,
     repeats: int,
@@ -177,8 +145,9 @@ def measure(
     load: bool = False,
     busy_thread: bool = False,
 ) -> dict[int, dict[str, Kept]]:
-    """Measure the contenders in alternating chunks. Returns {rate: {contender: Kept}}. Raises NoCompiler.
+    """Measure contenders in alternating chunks. Returns {rate: {contender: Kept}}.
 
+    contenders : {name: function of the rate, the duration, `realtime` and a folder that returns Samples}
     rates : Hz
     seconds : duration of a chunk
     repeats : chunks of each contender and rate
@@ -186,8 +155,7 @@ def measure(
     load : whether every processor is kept busy by another process
     busy_thread : whether a Python thread of this process is kept busy
     """
-    loop = build(C_LOOP)
-    results = {rate: {name: Kept() for name in (C, NATIVE, PYTHON)} for rate in rates}
+    results = {rate: {name: Kept() for name in contenders} for rate in rates}
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         if load:
@@ -195,15 +163,9 @@ def measure(
         if busy_thread:
             stack.enter_context(busy())
         for _ in rounds("measuring", repeats):
-            for rate, contenders in results.items():
-                late, off, missed = c_chunk(loop, rate, seconds, realtime)
-                contenders[C].add(counts_of(late), counts_of(off), len(late), missed)
-                for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
-                    result = chunk(rate, seconds, python_blocks, realtime, folder)
-                    statistics, shared = result.statistics, result.shared
-                    assert shared is not None
-                    late, off = shared.counts("lateness"), shared.counts("period")
-                    contenders[name].add(late, off, statistics["ticks"], statistics["missed"])
+            for rate, each in results.items():
+                for name, kept in each.items():
+                    kept.add(contenders[name](rate, seconds, realtime, folder))
     return results
 
 

@@ -1,4 +1,4 @@
-"""Output of `bench`: tables followed by goals, or one JSON document."""
+"""Output of `bench`: tables, or one JSON document."""
 
 from __future__ import annotations
 
@@ -51,8 +51,13 @@ def lateness(counts: np.ndarray, share: float) -> float:
     return percentile(counts, share)
 
 
+def row(name: str, results: dict[str, float]) -> str:
+    """Return a line of a table. results : as returned by `spread`"""
+    return f"  {name:44}{results['p50']:9.2f}{results['p99']:9.2f}{results['max']:9.2f}"
+
+
 class Report:
-    """Printer of tables and goals.
+    """Printer of tables.
 
     as_json : whether to collect everything and print one JSON document at the end
     """
@@ -60,7 +65,6 @@ class Report:
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
         self.data = {}
-        self.goals = []
 
     def say(self, lines: Sequence[str], **data: Any) -> None:
         """Print lines, or collect data for the JSON document.
@@ -72,26 +76,6 @@ class Report:
             print_lines(lines)
 
     def finish(self) -> None:
-        """Print the goals, or the JSON document."""
+        """Print the JSON document, if one was requested."""
         if self.as_json:
-            goals = [
-                {
-                    "what": g.what,
-                    "value": g.value,
-                    "goal": g.bound,
-                    "unit": g.unit,
-                    "at_least": g.at_least,
-                    "reached": g.reached,
-                }
-                for g in self.goals
-            ]
-            print_lines([json.dumps({**self.data, "goals": goals}, indent=1, ensure_ascii=False)])
-            return
-        lines = ["", f"{'goals':46}{'measured':>12}{'goal':>18}"]
-        for goal in self.goals:
-            bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
-            lines.append(
-                f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
-                f"{goal.unit:12}{'' if goal.reached else 'not reached'}".rstrip()
-            )
-        print_lines(lines)
+            print_lines([json.dumps(self.data, indent=1, ensure_ascii=False)])

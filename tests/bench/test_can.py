@@ -1,4 +1,4 @@
-"""`python -m runtime bench can`. The speed of this machine is not tested."""
+"""`python -m tests.bench can`. The speed of this machine is not tested."""
 
 import json
 import shutil
@@ -15,8 +15,8 @@ from cext.schedule.bus_cost import time_of_control
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile
 from runtime.host.errors import OK
-from runtime.setup.bench import can_cost
-from runtime.setup.bench.c_program import build
+from tests.bench import can_cost
+from tests.bench.c_program import build
 from tests.blocks.running import player, run
 
 needs_compiler = pytest.mark.skipif(
@@ -25,8 +25,8 @@ needs_compiler = pytest.mark.skipif(
 
 
 @needs_compiler
-def test_bench_can_reports_drive_cost_and_lost_replies(command_line):
-    code, out, err = command_line("bench", "can", "--rounds", "100", "--seconds", "0.1", "--repeats", "1", "--json")
+def test_bench_can_reports_drive_cost_and_lost_replies(bench):
+    code, out, err = bench("can", "--rounds", "100", "--seconds", "0.1", "--repeats", "1", "--json")
     report = json.loads(out)
     assert (code, err) == (OK, "")
     found = report["can"]

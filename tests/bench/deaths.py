@@ -9,17 +9,18 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runtime.host.system import end_with_parent
 from runtime.setup.bench import bus
 from runtime.setup.bench.drives import node
-from runtime.setup.bench.processes import START_TIMEOUT, run_on_rig
 
 if TYPE_CHECKING:
     from can import BusABC
@@ -28,6 +29,18 @@ GUARDIAN = "tickwork-guard"  # name of its process
 STOP_TIMEOUT = 1.0  # s
 RELEASE_TIMEOUT = 5.0  # s until a guardian has released the bus of a killed run
 DISABLE = bytes.fromhex("fffffffffffffffd")
+
+START_TIMEOUT = 10.0  # s until a run commands torque
+WAITS = """
+import os, sys
+import blocks.families, can, runtime.cli.run, runtime.robot.rig, runtime.session.session
+import runtime.robot.loading.simulation
+from runtime.__main__ import main
+print("ready", flush=True)
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+sys.stdin.read()
+main()
+"""
 
 ROBOT = """
 from blocks.families import benchmark
@@ -90,6 +103,31 @@ def deaths(count: int) -> tuple[dict[str, list[float]], list[float]]:
                 times[name] += one_death(listener, run, later, case)
                 loads.append(os.getloadavg()[0])
     return times, loads
+
+
+@contextmanager
+def run_on_rig(robot: Path, rig: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """Context manager of a run on a rig, armed without confirmation, which waits for the end of its standard input.
+
+    It prints a line once it has imported what a run imports, and then waits for that end.
+
+    robot, rig : paths of their files
+    words : further options
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", WAITS, str(robot), "--rig", str(rig), "--yes", "--no-record", *words],
+        cwd=Path(__file__).parents[2],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        preexec_fn=end_with_parent,
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def one_death(

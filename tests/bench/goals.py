@@ -1,15 +1,14 @@
-"""Performance goals and the measured values to compare with them."""
+"""Performance goals. The functions compare them with the data of a Report: the JSON document of a command."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from runtime.setup.bench.blocks import Compiles
-    from runtime.setup.bench.clock import Kept
-    from runtime.setup.bench.measure import Times
+from runtime.host.console.terminal import print_lines
+from runtime.setup.bench.report import Report
+from tests.bench.views_process import ALL, NONE
 
 CHAIN_NS = {"native blocks": 5.0, "Python blocks": 150.0}  # ns per block
 COMPILE_MS = 20.0  # ms, 200 blocks
@@ -57,51 +56,47 @@ class Goal:
         return self.value >= self.bound if self.at_least else self.value <= self.bound
 
 
-def of_blocks(rows: dict[str, dict[str, float]]) -> list[Goal]:
-    """Return the goals of a chain of blocks. rows : rows as returned by measure.table"""
+def of_blocks(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of a chain of blocks and of compiling."""
+    rows, compiled = data["chain"]["us_a_tick"], data["compile"]
+    smallest = compiled["rows"][0]
     return [
-        Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns per block") for name, bound in CHAIN_NS.items()
+        *(
+            Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns per block")
+            for name, bound in CHAIN_NS.items()
+        ),
+        Goal(f"compile {smallest['blocks']} blocks", smallest["compile_ms"]["median"], COMPILE_MS, "ms"),
+        Goal("growth of the compile time, p in blocks^p", compiled["exponent"], compiled["n_log_n"], ""),
     ]
 
 
-def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -> list[Goal]:
-    """Return the goals of compiling.
-
-    compiles : values as returned by blocks.compiles, smallest first
-    exponent : p of a time that grows as blocks^p
-    n_log_n : p of a time that grows as n log n
-    """
+def of_start(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of a start."""
+    run = data["start"]["run"]
     return [
-        Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE_MS, "ms"),
-        Goal("growth of the compile time, p in blocks^p", exponent, n_log_n, ""),
+        Goal("from process start to the first tick", run["ms"]["median"], START_MS, "ms"),
+        Goal("resident memory of the control process", run["resident_mb"], MEMORY_MB, "MB"),
     ]
 
 
-def of_start(results: dict[str, tuple[Times, Times]]) -> list[Goal]:
-    """Return the goals of a start. results : results as returned by starting.measure"""
-    times, memory = results["run"]
-    return [
-        Goal("from process start to the first tick", times.median, START_MS, "ms"),
-        Goal("resident memory of the control process", memory.median, MEMORY_MB, "MB"),
-    ]
-
-
-def of_clock(results: dict[int, dict[str, Kept]], disturbed: bool) -> list[Goal]:
-    """Return the goals of the clock. results : {rate: {contender: runtime.setup.bench.clock.Kept}}"""
-    goals = []
-    for rate, contenders in results.items():
-        reference, native, python = contenders.values()
+def of_clock(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of the clock, and of the parts of a tick where the clock was not disturbed."""
+    disturbed = "costs" not in data
+    goals, rows = [], iter(data["clock"].items())
+    for (name, reference), (_, native), (_, python) in zip(rows, rows, rows, strict=True):
+        rate = name.partition(",")[0]
         bound = CLOCK_RATIO["disturbed" if disturbed else "native"]
-        goals.append(Goal(f"{rate} Hz, |period-T| p99 over C", native.off(0.99) / reference.off(0.99), bound, "times"))
+        ratio = native["period_p99_us"] / reference["period_p99_us"]
+        goals.append(Goal(f"{rate}, |period-T| p99 over C", ratio, bound, "times"))
         if disturbed:
-            goals.append(
-                Goal(f"{rate} Hz, ticks lost in excess of the C loop", max(0, native.missed - reference.missed), 0, "")
-            )
+            lost = max(0, native["missed"] - reference["missed"])
+            goals.append(Goal(f"{rate}, ticks lost in excess of the C loop", lost, 0, ""))
         else:
-            goals.append(Goal(f"{rate} Hz, late p50 over C", native.late(0.5) / reference.late(0.5), bound, "times"))
-            slower = python.off(0.99) / reference.off(0.99)
-            goals.append(Goal(f"{rate} Hz, ten Python blocks, p99 over C", slower, CLOCK_RATIO["python"], "times"))
-    return goals
+            late = native["late_p50_us"] / reference["late_p50_us"]
+            goals.append(Goal(f"{rate}, late p50 over C", late, bound, "times"))
+            slower = python["period_p99_us"] / reference["period_p99_us"]
+            goals.append(Goal(f"{rate}, ten Python blocks, p99 over C", slower, CLOCK_RATIO["python"], "times"))
+    return goals if disturbed else goals + of_costs(data["costs"])
 
 
 def of_costs(results: dict[str, float]) -> list[Goal]:
@@ -116,16 +111,18 @@ def of_costs(results: dict[str, float]) -> list[Goal]:
     ]
 
 
-def of_bus(results: dict[str, Any]) -> list[Goal]:
-    """Return the goals of a bus and of the guardian. results : results of the command `bench bus`"""
+def of_bus(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of a bus and of the guardian."""
+    results = data["bus"]
     return [
         Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
         Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
     ]
 
 
-def of_deaths(results: dict[str, Any]) -> list[Goal]:
-    """Return the goals of the deaths of processes. results : results of the command `bench deaths`"""
+def of_deaths(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of the deaths of processes."""
+    results = data["deaths"]
     killed = {name: each for name, each in results.items() if "killed" in name}
     return [
         *(Goal(f"{name}, p99", each["p99"], STOP_MS, "ms") for name, each in killed.items()),
@@ -133,8 +130,9 @@ def of_deaths(results: dict[str, Any]) -> list[Goal]:
     ]
 
 
-def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
-    """Return the goals of drives on CAN. results : results of the command `bench can`"""
+def of_can(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of drives on CAN."""
+    results = data["can"]
     return [
         Goal("eight drives, without system calls", results["native_us"]["p50"], DRIVES_US, "µs per tick"),
         Goal(
@@ -146,8 +144,9 @@ def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
     ]
 
 
-def of_sensors(results: Mapping[str, Any]) -> list[Goal]:
-    """Return the goals of inertial sensors. results : results as returned by sensors.summary"""
+def of_sensors(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of inertial sensors."""
+    results = data["sensors"]
     return [
         Goal("eight sensors, share of one processor", results["processor"], SENSORS_SHARE, ""),
         Goal("packets lost or corrupt", results["lost"] + results["corrupt"] + results["overflows"], 0, ""),
@@ -168,17 +167,18 @@ def of_sensors(results: Mapping[str, Any]) -> list[Goal]:
     ]
 
 
-def of_views(viewed: Kept, alone: Kept, dropped: int) -> list[Goal]:
-    """Return the goals of recorders and viewers. viewed, alone : Kept; dropped : number of records"""
+def of_views(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of recorders and viewers."""
+    alone, viewed = (data["views"][name]["late_p99_us"] for name in (NONE, ALL))
     return [
-        Goal("all viewers on, lateness p99", viewed.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"),
-        Goal("all viewers on, records dropped", dropped, 0, "records"),
+        Goal("all viewers on, lateness p99", viewed / alone, LATENESS_WITH_VIEWS_RATIO, "times"),
+        Goal("all viewers on, records dropped", data["dropped"], 0, "records"),
     ]
 
 
-def of_gait(legs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> list[Goal]:
-    """Return the goals of the estimators that need no contact, worst leg. legs : {estimator: {condition: errors}}"""
-    goals = []
+def of_gait(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of the estimators that need no contact, worst leg."""
+    goals, legs = [], [each["estimators"] for each in data["gait"]]
     for name in GAIT_ESTIMATORS:
         rows = [leg[name] for leg in legs if name in leg]
         if not rows:
@@ -192,3 +192,42 @@ def of_gait(legs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> list[Goal
             worst = max(row[condition]["phase_rms_percent"] for row in rows)
             goals.append(Goal(f"{name}, {condition}: phase", worst, bound, "% RMS"))
     return goals
+
+
+GOALS: dict[str, Callable[[dict[str, Any]], list[Goal]]] = {
+    "blocks": of_blocks,
+    "bus": of_bus,
+    "can": of_can,
+    "clock": of_clock,
+    "deaths": of_deaths,
+    "gait": of_gait,
+    "sensors": of_sensors,
+    "start": of_start,
+    "views": of_views,
+}
+
+
+def finish(report: Report, goals: list[Goal]) -> None:
+    """Print goals below the tables of a report, or the JSON document with them."""
+    if report.as_json:
+        report.data["goals"] = [
+            {
+                "what": goal.what,
+                "value": goal.value,
+                "goal": goal.bound,
+                "unit": goal.unit,
+                "at_least": goal.at_least,
+                "reached": goal.reached,
+            }
+            for goal in goals
+        ]
+        report.finish()
+        return
+    lines = ["", f"{'goals':46}{'measured':>12}{'goal':>18}"]
+    for goal in goals:
+        bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
+        lines.append(
+            f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
+            f"{goal.unit:12}{'' if goal.reached else 'not reached'}".rstrip()
+        )
+    print_lines(lines)

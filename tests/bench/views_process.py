@@ -1,4 +1,4 @@
-"""One run of `bench views`, in a process of its own: `python -m runtime.setup.bench.views_process`.
+"""One run of `bench views`, in a process of its own: `python -m tests.bench.views_process`.
 
 The arguments are NONE or ALL, the duration in s, `--realtime`, a folder, and the UDP port of a listener. The process
 prints a line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`.

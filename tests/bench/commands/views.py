@@ -1,21 +1,19 @@
-"""`python -m runtime bench views`."""
+"""`python -m tests.bench views`."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
-from runtime.host.errors import OK
-from runtime.setup.bench import goals
 from runtime.setup.bench.report import Report, machine, machine_lines
+from tests.bench.parsing import parser_of
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
-    parser = Parser("bench views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the tables. Returns the Report."""
+    parser = parser_of("views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
     add_options(parser, seconds=5.0, repeats=6, realtime=True)
     options = parser.parse_args(arguments)
-    from runtime.setup.bench import views, views_process
+    from tests.bench import views, views_process
 
     report = Report(options.json)
     what = (
@@ -37,7 +35,11 @@ def main(arguments: Sequence[str]) -> int:
         lost = f"{kept.missed}/{kept.ticks + kept.missed}"
         late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{spread:>14}{row['late_p99.9_us']:10.1f}{lost:>14}"
         lines += [f"  {label:36}{late}"] if len(label) <= 36 else [f"  {label}", f"{'':38}{late}"]
-    report.say([*lines, *(f"  {problem}" for problem in problems)], views=rows, on=views.viewers(), problems=problems)
-    report.goals += goals.of_views(results[views.ALL], results[views.NONE], dropped)
-    report.finish()
-    return OK
+    report.say(
+        [*lines, *(f"  {problem}" for problem in problems)],
+        views=rows,
+        on=views.viewers(),
+        problems=problems,
+        dropped=dropped,
+    )
+    return report

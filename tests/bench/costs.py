@@ -24,7 +24,7 @@ from runtime.session.request import Request
 from runtime.session.session import Session
 from runtime.setup.bench.clock import SIGNALS, diagram
 
-KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
+KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
 RATES = ("200", "1000", "3000", "333.3", "0.7")  # Hz
 POINTS = 10**9
 

@@ -1,4 +1,4 @@
-"""`python -m runtime bench sensors`: that it measures what it says. How fast this machine is, is not tested."""
+"""`python -m tests.bench sensors`: that it measures what it says. How fast this machine is, is not tested."""
 
 import json
 
@@ -6,13 +6,13 @@ import pytest
 
 from blocks.families import benchmark
 from runtime.host.errors import OK
-from runtime.setup.bench import sensors
+from tests.bench import sensors
 
 pytestmark = pytest.mark.timing
 
 
-def test_bench_sensors_reports_cost_and_losses(command_line):
-    code, out, err = command_line("bench", "sensors", "--seconds", "0.2", "--repeats", "1", "--json")
+def test_bench_sensors_reports_cost_and_losses(bench):
+    code, out, err = bench("sensors", "--seconds", "0.2", "--repeats", "1", "--json")
     told = json.loads(out)
     assert (code, err) == (OK, "")
     found = told["sensors"]

@@ -55,7 +55,7 @@ def first_tick(file: Path) -> tuple[float, int]:
             [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
-            cwd=Path(__file__).parents[3],
+            cwd=Path(__file__).parents[2],
             preexec_fn=end_with_parent,
         )
         try:

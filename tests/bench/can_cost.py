@@ -21,9 +21,9 @@ from graph import Diagram, compile
 from runtime.host.console.progress import rounds
 from runtime.host.ending import uninterrupted
 from runtime.host.machine.realtime import Realtime
-from runtime.setup.bench.c_program import C_GRID, build
 from runtime.setup.bench.processes import emulation
 from runtime.setup.bench.rate.robot import UNLIMITED
+from tests.bench.c_program import C_GRID, build
 
 if TYPE_CHECKING:
     from graph import Schedule
@@ -140,7 +140,7 @@ def motors(count: int) -> Iterator[list[socket.socket]]:
         pairs = [stack.enter_context(ends()) for _ in range(BUSES)]
         numbers = [pair[1].fileno() for pair in pairs]
         arguments = map(str, (STEPS * RATE, count, *numbers))
-        stack.enter_context(emulation("runtime.setup.bench.motors", *arguments, what="motors", descriptors=numbers))
+        stack.enter_context(emulation("tests.bench.motors", *arguments, what="motors", descriptors=numbers))
         yield [pair[0] for pair in pairs]
 
 

@@ -1,23 +1,19 @@
-"""`python -m runtime bench can`."""
+"""`python -m tests.bench can`."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.cli.bench.bus import row
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
-from runtime.host.errors import OK, BadInput
+from runtime.host.errors import BadInput
 from runtime.host.options import count
-from runtime.setup.bench import goals
-from runtime.setup.bench.report import Report, machine, machine_lines, spread
+from runtime.setup.bench.report import Report, machine, machine_lines, row, spread
+from tests.bench.parsing import parser_of
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
-    parser = Parser(
-        "bench can", "Measure the cost of eight drives per tick, and the replies lost from motors at 1000 Hz."
-    )
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the tables. Returns the Report."""
+    parser = parser_of("can", "Measure the cost of eight drives per tick, and the replies lost from motors at 1000 Hz.")
     parser.add_argument(
         "--rounds",
         type=count("--rounds"),
@@ -27,8 +23,8 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_options(parser, seconds=2.0, repeats=5, seconds_limit=600.0)
     options = parser.parse_args(arguments)
-    from runtime.setup.bench import can_cost
-    from runtime.setup.bench.c_program import NoCompiler
+    from tests.bench import can_cost
+    from tests.bench.c_program import NoCompiler
 
     report = Report(options.json)
     report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())
@@ -67,6 +63,4 @@ def main(arguments: Sequence[str]) -> int:
         ],
         can=results,
     )
-    report.goals += goals.of_can(results)
-    report.finish()
-    return OK
+    return report

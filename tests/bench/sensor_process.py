@@ -1,4 +1,4 @@
-"""Process of emulated inertial sensors: `python -m runtime.setup.bench.sensor_process FOLDER RATE SERIAL...`.
+"""Process of emulated inertial sensors: `python -m tests.bench.sensor_process FOLDER RATE SERIAL...`.
 
 Each is on a pseudo-terminal.
 """

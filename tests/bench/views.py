@@ -20,9 +20,9 @@ import numpy as np
 from runtime.host.console.progress import rounds
 from runtime.host.errors import BadInput
 from runtime.host.system import end_with_parent
-from runtime.setup.bench import views_process
-from runtime.setup.bench.clock import Kept
-from runtime.setup.bench.views_process import ALL, NONE
+from runtime.setup.bench.clock import Kept, Samples
+from tests.bench import views_process
+from tests.bench.views_process import ALL, NONE
 
 
 def viewers() -> list[str]:
@@ -34,7 +34,7 @@ def viewers() -> list[str]:
 def chunk(name: str, seconds: float, realtime: str, folder: str, port: int) -> dict[str, Any]:
     """Run one chunk in a process of its own. Returns what views_process prints. Raises BadInput."""
     words = [sys.executable, "-m", views_process.__name__, name, str(seconds), realtime, str(folder), str(port)]
-    path = os.pathsep.join([str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         words,
         stdin=subprocess.DEVNULL,
@@ -65,7 +65,7 @@ def measure(seconds: float, repeats: int, realtime: str = "off") -> tuple[dict[s
                 with tempfile.TemporaryDirectory() as folder:
                     report = chunk(name, seconds, realtime, folder, listener.getsockname()[1])
                 lateness, period = (np.array(report[what], dtype=np.uint64) for what in ("lateness", "period"))
-                kept.add(lateness, period, report["ticks"], report["missed"])
+                kept.add(Samples(lateness, period, report["ticks"], report["missed"]))
                 problems += report["problems"]
                 dropped += report["dropped"]
     return contenders, problems, dropped

@@ -1,4 +1,4 @@
-"""`python -m runtime bench deaths`."""
+"""`python -m tests.bench deaths`."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
-from runtime.host.errors import OK, BadInput
+from runtime.host.errors import BadInput
 from runtime.host.options import count
-from runtime.setup.bench import goals
 from runtime.setup.bench.report import Report, machine, machine_lines, spread
+from tests.bench.parsing import parser_of
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
-    parser = Parser(
-        "bench deaths",
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the tables. Returns the Report."""
+    parser = parser_of(
+        "deaths",
         "Measure the time from the death of the control process or of the guardian to the first stop frame of the "
         "later of two drives.",
     )
@@ -26,7 +25,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_options(parser)
     options = parser.parse_args(arguments)
-    from runtime.setup.bench import deaths
+    from tests.bench import deaths
 
     report = Report(options.json)
     report.say(["emulated drives on udp_multicast; the cases take turns", *machine_lines()], **machine())
@@ -49,9 +48,7 @@ def main(arguments: Sequence[str]) -> int:
         deaths=results,
         load={"median": float(np.median(loads)), "min": min(loads), "max": max(loads)},
     )
-    report.goals += goals.of_deaths(results)
-    report.finish()
-    return OK
+    return report
 
 
 def _figures(results: dict[str, float]) -> str:

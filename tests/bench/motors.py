@@ -1,4 +1,4 @@
-"""Process of emulated motors: `python -m runtime.setup.bench.motors RATE COUNT DESCRIPTOR...`.
+"""Process of emulated motors: `python -m tests.bench.motors RATE COUNT DESCRIPTOR...`.
 
 On each socket DESCRIPTOR are COUNT drives with ids from 1 on, held still, at RATE steps per second, until the process
 is killed.

@@ -35,7 +35,7 @@ PACKETS = 4000  # pairs, of the parser's stream
 def plugged_in() -> Iterator[Path]:
     """Context manager of eight emulated sensors in a process of their own. Returns the folder of their ports."""
     with tempfile.TemporaryDirectory() as folder:
-        with emulation("runtime.setup.bench.sensor_process", folder, str(RATE), *SERIALS, what="sensors"):
+        with emulation("tests.bench.sensor_process", folder, str(RATE), *SERIALS, what="sensors"):
             yield Path(folder)
 
 

@@ -1,26 +1,25 @@
-"""`python -m runtime bench sensors`."""
+"""`python -m tests.bench sensors`."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
 
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
-from runtime.host.errors import OK, BadInput
-from runtime.setup.bench import goals
+from runtime.host.errors import BadInput
 from runtime.setup.bench.report import Report, machine, machine_lines
+from tests.bench.parsing import parser_of
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code."""
-    parser = Parser(
-        "bench sensors",
+def measured(arguments: Sequence[str]) -> Report:
+    """Measure, and print the tables. Returns the Report."""
+    parser = parser_of(
+        "sensors",
         "Measure the cost of eight inertial sensors at 500 Hz on pseudo-terminals, their effect on the lateness of the "
         "loop, the speed of their packet parser, and the cost of the thread of an I2C bus.",
     )
     add_options(parser, seconds=2.0, repeats=5, realtime=True, seconds_limit=600.0)
     options = parser.parse_args(arguments)
     from runtime.host.machine.realtime import RealtimeRefused
-    from runtime.setup.bench import i2c, sensors
+    from tests.bench import i2c, sensors
 
     report = Report(options.json)
     report.say(
@@ -68,6 +67,4 @@ def main(arguments: Sequence[str]) -> int:
         ],
         i2c=asdict(cost),
     )
-    report.goals += goals.of_sensors(results)
-    report.finish()
-    return OK
+    return report

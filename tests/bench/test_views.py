@@ -1,15 +1,15 @@
-"""`python -m runtime bench views`. The lateness of this machine is not tested."""
+"""`python -m tests.bench views`. The lateness of this machine is not tested."""
 
 import json
 
 import pytest
 
 from runtime.host.errors import OK
-from runtime.setup.bench import views, views_process
+from tests.bench import views, views_process
 
 
-def test_lateness_is_reported_with_every_viewer_and_with_none(command_line):
-    code, out, err = command_line("bench", "views", "--seconds", "0.3", "--repeats", "1", "--json")
+def test_lateness_is_reported_with_every_viewer_and_with_none(bench, tmp_path):
+    code, out, err = bench("views", "--seconds", "0.3", "--repeats", "1", "--json")
     report = json.loads(out)
     assert (code, err) == (OK, "")
     assert list(report["views"]) == [views.NONE, views.ALL] and report["problems"] == []
@@ -25,7 +25,7 @@ def test_lateness_is_reported_with_every_viewer_and_with_none(command_line):
     assert report["goals"][0]["value"] == pytest.approx(
         report["views"][views.ALL]["late_p99_us"] / report["views"][views.NONE]["late_p99_us"]
     )
-    assert list(command_line.folder.iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_diagram_has_as_many_signals_as_the_heading_states(tmp_path):
