@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from runtime.experiments.studies.result import StudyResult
     from runtime.record.analysis.trial import Trial
     from runtime.record.analysis.trials import Trials
-    from runtime.record.report.check import Report
+    from runtime.session.check.text import Report
     from runtime.session.connected import ConnectedRobot
     from runtime.session.simulate import SimulatedLoop, SimulatedRun
 else:
@@ -281,13 +281,13 @@ def check(
     diagram : path of a diagram file, a Diagram, or a function that builds one
     settings, rate, rig : as in `run`; not for a Diagram
 
-    Returns a runtime.record.report.check.Report, a dict. Raises BadInput if a file cannot be read.
+    Returns a runtime.session.check.text.Report, a dict. Raises BadInput if a file cannot be read.
     """
     with _WholeImports():
         from graph import Diagram
         from runtime.host.errors import BadInput
-        from runtime.record.report.check import Report
-        from runtime.session.check import check
+        from runtime.session.check.report import check
+        from runtime.session.check.text import Report
 
     given: Any = settings
     pairs = list(given.items() if hasattr(given, "items") else given)

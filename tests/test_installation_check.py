@@ -187,7 +187,8 @@ def test_one_missing_compiled_module_is_reported(tmp_path):
 
 def test_missing_dependencies_are_reported_with_the_environment(tmp_path):
     copy_packages(tmp_path)
-    (tmp_path / "Makefile").touch()
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "numpy", "networkx", "are missing", "`make run`")
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     (tmp_path / ".venv" / "bin" / "activate").touch()
@@ -223,13 +224,21 @@ def test_checked_packages_are_the_declared_dependencies():
     requirements = [requirement.partition(";") for requirement in PYPROJECT["project"]["dependencies"]]
     assert {marker.strip() for _, _, marker in requirements} == {"", "python_version < '3.11'"}
     declared = {canonical(name) for name, _, marker in requirements if not marker or sys.version_info < (3, 11)}
-    assert set(installation_check.NEEDS.values()) == declared
-    for module, distribution in installation_check.NEEDS.items():
+    assert set(installation_check.required()) == declared
+    for distribution in declared:
+        module = installation_check.MODULES.get(distribution, distribution)
         parts = tuple(module.split("."))
         assert any(
             file.parts[: len(parts)] == parts or file.parts[0] == module + ".py" for file in files(distribution)
         ), f"{distribution} does not bring {module}"
     assert PYPROJECT["project"]["requires-python"] == ">=%d.%d" % installation_check.OLDEST_PYTHON
+
+
+def test_a_requirement_of_older_pythons_is_required_on_them(monkeypatch):
+    monkeypatch.setattr(sys, "version_info", (3, 10, 0, "final", 0))
+    assert "tomli" in installation_check.required()
+    monkeypatch.setattr(sys, "version_info", (3, 11, 0, "final", 0))
+    assert "tomli" not in installation_check.required() and "numpy" in installation_check.required()
 
 
 def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch):

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from runtime.cli.parsing import Parser, add_options
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import CHECK_FAILED, OK
-from runtime.session.check import KEYS, check, report_lines
+from runtime.session.check.report import KEYS, check
+from runtime.session.check.text import report_lines
 from runtime.session.request import Request
 
 RIG = "check the robot of this rig file, such as lab.toml: its buses, devices and joints"

@@ -159,7 +159,6 @@ def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
     folder : as in `main`
     """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
-    import_module("importlib.metadata")  # which every run needs: its own imports have names that users give to files
     problem = installation_check.namesake(folder)  # after the imports that this command needs
     if problem is not None:
         raise BadInput(problem)

@@ -5,6 +5,7 @@ This file, `runtime/__main__.py`, and `ending.py`, `run_mark.py` and `working_fo
 """
 
 import os
+import re
 import shlex
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -16,25 +17,15 @@ from runtime.host import working_folder
 BAD_INPUT = 2
 HERE = Path(__file__).parents[2]
 OLDEST_PYTHON = (3, 10)
-NEEDS = {
-    "can": "python-can",
-    "google.protobuf": "protobuf",
-    "matplotlib": "matplotlib",
-    "mcap": "mcap",
-    "msgpack": "msgpack",
-    "msgspec": "msgspec",
-    "networkx": "networkx",
-    "numpy": "numpy",
-    "resvg_py": "resvg-py",
-    "serial": "pyserial",
-    "smbus2": "smbus2",
-    "zstandard": "zstandard",
+MODULES = {  # modules of required distributions whose names differ
+    "protobuf": "google.protobuf",
+    "pyserial": "serial",
+    "python-can": "can",
+    "resvg-py": "resvg_py",
 }
-if sys.version_info < (3, 11):  # newer versions include tomllib
-    NEEDS["tomli"] = "tomli"
 
 READING = ("convert", "diff", "plot")  # commands that need no compiled modules
-TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy", "zstandard")}
+TO_READ = ("matplotlib", "mcap", "msgspec", "numpy", "zstandard")  # distributions that they require
 
 # standard modules that a run imports later
 LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")
@@ -48,7 +39,7 @@ def problem(command: str = "", folder: "str | None" = None) -> "str | None":
     """
     if command in READING:
         return _old_python() or _missing(TO_READ)
-    return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing()
+    return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing(required())
 
 
 def _old_python():
@@ -89,7 +80,7 @@ def namesake(folder: "str | None") -> "str | None":
         for name in sys.modules
         if not name.startswith("__") and name not in ours and name not in sys.builtin_module_names
     }
-    names.update((name.split(".")[0] for name in NEEDS), LOADED_LATER)
+    names.update((MODULES.get(name, name).split(".")[0] for name in required()), LOADED_LATER)
     for name in sorted(names):
         path = working_folder.namesake(folder, [name])
         if path is not None and place_of(name) != os.path.realpath(folder):
@@ -128,9 +119,32 @@ def _is_importable(module):
         return False
 
 
-def _missing(needs=NEEDS):
-    """Return a message on libraries that are not installed. needs : {module: distribution}"""
-    absent = [distribution for module, distribution in needs.items() if not _is_importable(module)]
+def required() -> "list[str]":
+    """Return the names of the distributions that Tickwork requires on this Python.
+
+    They are in the metadata of its installation, and in pyproject.toml of a clone that this Python does not have
+    installed.
+    """
+    from importlib import metadata  # of Python 3.8
+
+    try:
+        requirements = metadata.requires("tickwork") or []
+    except metadata.PackageNotFoundError:
+        project = HERE / "pyproject.toml"
+        declared = re.search(r"(?ms)^dependencies = \[(.*?)^\]", project.read_text() if project.exists() else "")
+        requirements = re.findall('"([^"]+)"', declared.group(1)) if declared else []
+    names = []
+    for requirement in requirements:
+        name, _, marker = requirement.partition(";")
+        older = re.search(r"^ *python_version < .3\.(\d+).$", marker)
+        if not marker or (older and sys.version_info < (3, int(older.group(1)))):
+            names.append(re.split(r"[^\w.-]", name)[0])
+    return names
+
+
+def _missing(distributions):
+    """Return a message on distributions that are not installed."""
+    absent = [name for name in distributions if not _is_importable(MODULES.get(name, name))]
     if not absent:
         return None
     return "%s %s missing in %s: %s" % (

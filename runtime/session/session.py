@@ -28,7 +28,7 @@ from runtime.host.machine.sleep import SleepInhibitor
 from runtime.host.system import processor_wait
 from runtime.record.recorder import RecorderProcess, can_ask
 from runtime.record.report.fault import explain
-from runtime.session.preflight import Preflight
+from runtime.record.report.preflight.table import Preflight
 from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes
 from runtime.session.result import Result

@@ -22,7 +22,8 @@ from blocks.safety import EmergencyStop, Rearm
 from cext.memory.shared_state import SharedState
 from graph import Block, Diagram, DiagramError, Output, compile
 from runtime.record.report.failure_coverage import coverage, in_words
-from runtime.session.check import check, report_lines
+from runtime.session.check.report import check
+from runtime.session.check.text import report_lines
 from tests.blocks.actuators.wire import MALFORMED, Wired
 from tests.blocks.running import player
 from tests.cext.rigs import STOP, Rig

@@ -6,11 +6,10 @@ python -m tests.docs.energy
 from graph import Actuator
 from graph.assembly import assemble
 from graph.compiler import examine
-from runtime.record.report.battery import duration
 from runtime.robot.loading.file import load
 from runtime.robot.loading.simulation import Simulation
 from runtime.robot.rig.battery import Battery
-from runtime.session.battery import budget, loads
+from runtime.session.check.battery import budget, duration, loads
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS, path
 

@@ -19,7 +19,7 @@ from runtime.host.live import table
 from runtime.record.recorder.plugins import LOGS, SERVICES
 from runtime.record.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
 from runtime.record.recorder.service import Service, takes
-from runtime.record.report import preflight
+from runtime.record.report.preflight import text as preflight
 from runtime.record.storage import files, provenance
 from runtime.record.storage.changes import Changes
 from runtime.record.storage.format import row_struct

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from graph.device import Device
+    from runtime.host.console.styles import Console
 
 GUARDIAN, WATCHDOG, RUN, DRIVES = (
     "the guardian",
@@ -82,3 +83,10 @@ def in_words(coverage: Sequence[dict[str, bool | str]]) -> tuple[str, str]:
         for covered in (True, False)
     }
     return texts[True], texts[False]
+
+
+def covered(coverage: Sequence[dict[str, bool | str]], console: Console, margin: str) -> list[str]:
+    """Return two lines: the failures that a bus covers, and those that it does not."""
+    yes, no = in_words(coverage)
+    lines = console.hang(f"{margin}covered: ", yes, console.faint) if yes else []
+    return lines + (console.hang(f"{margin}not covered: ", no, console.warn) if no else [])

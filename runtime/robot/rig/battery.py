@@ -14,7 +14,7 @@ lower below that. (Space-vector modulation: a phase voltage of at most supply / 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -141,63 +141,3 @@ def require_supply(battery: Battery | None, diagram: Diagram, path: Path) -> Non
     ]
     if problems:
         raise RigError(path, problems)
-
-
-def overloads(battery: Battery, drives: Mapping[str, Winding]) -> Iterable[RigProblem]:
-    """Yield a RigProblem for each way in which a battery and its fuses may not suffice for the limits of the drives."""
-    for path, winding in drives.items():
-        current = supply_current(winding)
-        yield from _unknowns(battery, path, winding)
-        if winding.supply and battery.voltage < winding.supply[0]:
-            yield RigProblem(
-                "TW137",
-                f"[battery] of {battery.voltage:g} V is below the supply range of {path}, {winding.supply[0]:g} to "
-                f"{winding.supply[1]:g} V",
-                "use a battery of a higher voltage: the drive may report under-voltage under load",
-            )
-        if battery.fuse is not None and current is not None and current > battery.fuse:
-            yield RigProblem(
-                "TW137",
-                f"{path} takes up to {current:.3g} A at its limit, and its fuse is rated {battery.fuse:g} A",
-                f"a fuse that blows frees the joint: set limit of {path} lower, or use a larger fuse that the wires "
-                "permit",
-            )
-    total = peak_current(battery, drives)
-    if battery.max_current is not None and total > battery.max_current:
-        yield RigProblem(
-            "TW137",
-            f"the drives and the load take up to {total:.3g} A, and the battery delivers {battery.max_current:g} A",
-            "set lower limits, or use a battery with a higher permitted current",
-        )
-
-
-def _unknowns(battery: Battery, path: str, winding: Winding) -> Iterable[RigProblem]:
-    """Yield a RigProblem for each property of a drive that no source states, and that is not compared for that reason.
-
-    path : path of the drive
-    """
-    if not winding.supply:
-        yield RigProblem(
-            "TW137",
-            f"the supply range of {path} is not published: [battery] of up to {battery.full_voltage:g} V is not "
-            "compared",
-            "compare it with the label of the drive or its manual",
-        )
-    elif winding.supply_note:
-        low, high = winding.supply
-        yield RigProblem(
-            "TW137",
-            f"the supply range of {path}, {low:g} to {high:g} V, is assumed: {winding.supply_note}",
-            "compare it with the label of the drive or its manual",
-        )
-    if winding.current is None and (battery.fuse is not None or battery.max_current is not None):
-        yield RigProblem(
-            "TW137",
-            f"the current of {path} is not known: fuse and max_current are not compared with it",
-            "measure it, or compare the data sheet of the drive",
-        )
-
-
-def peak_current(battery: Battery, drives: Mapping[str, Winding]) -> float:
-    """Return the largest current of the battery in A, with every drive at its limit and full modulation."""
-    return battery.load_current + sum(supply_current(winding) or 0.0 for winding in drives.values())

@@ -9,12 +9,11 @@ import runtime
 from blocks.actuators import CubeMars
 from graph import Actuator, Diagram, Input
 from runtime.host.console.styles import Console
-from runtime.record.report.battery import battery_lines, duration
-from runtime.record.report.check import text
 from runtime.robot.rig import RigError
 from runtime.robot.rig.battery import Battery, supply_current, windings
-from runtime.session.battery import SETTLING_TIME, SIMULATED_TIME, budget
-from runtime.session.check import check
+from runtime.session.check.battery import SETTLING_TIME, SIMULATED_TIME, battery_lines, budget, duration
+from runtime.session.check.report import check
+from runtime.session.check.text import text
 from runtime.session.prepare import prepare
 from runtime.session.request import Request
 from tests.runtime.runs import KNEE_EXO, knee, write

@@ -17,9 +17,9 @@ from cext.fused import library
 from graph import compile
 from runtime.host.console.styles import Console, length
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.record.report.check import bar, interval, text
 from runtime.robot.loading.file import load
-from runtime.session.check import KEYS, check
+from runtime.session.check.report import KEYS, check
+from runtime.session.check.text import bar, interval, text
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
 
 RATES = '''

@@ -3,7 +3,7 @@
 import json
 
 from runtime.host.errors import FAULT, OK
-from runtime.session.check import check
+from runtime.session.check.report import check
 from tests.runtime.runs import finished, line_of, write
 
 ROBOT = '''

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from runtime.host.console.styles import Console
 from runtime.record.report import fault, summary
-from runtime.record.report.check import text
-from runtime.session.check import check
+from runtime.session.check.report import check
+from runtime.session.check.text import text
 from runtime.session.prepare import prepare
 from runtime.session.request import Request
 from runtime.session.session import Session

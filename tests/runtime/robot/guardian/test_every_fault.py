@@ -316,7 +316,9 @@ def test_drives_on_both_buses_are_stopped_within_two_ticks_of_every_other_fault(
 def test_an_exception_at_the_pre_flight_table_disables_both_drives(buses):
     """A bug of ours at the pre-flight table. Nothing was under torque, and both are disabled all the same."""
     fault = Fault(
-        "", before="from runtime.session.preflight import Preflight\nPreflight.event = lambda self, values: 1 / 0"
+        "",
+        before="from runtime.record.report.preflight.table import Preflight\n"
+        "Preflight.event = lambda self, values: 1 / 0",
     )
     process = buses.start(fault)
     out, err = process.communicate(timeout=20)

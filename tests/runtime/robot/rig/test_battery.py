@@ -10,8 +10,9 @@ from blocks.families import families, find_model
 from cext.kernels import no_io
 from graph import Actuator, Diagram, DiagramError, Input, Output
 from runtime.robot.rig import RigError, require_supply
-from runtime.robot.rig.battery import Battery, continuous_current, overloads, peak_current, supply_current, windings
+from runtime.robot.rig.battery import Battery, continuous_current, supply_current, windings
 from runtime.robot.rig.file import parse
+from runtime.session.check.battery import overloads, peak_current
 
 
 def accepts(drive, name):

@@ -13,10 +13,10 @@ import pytest
 
 from graph import compile
 from runtime.host.console.styles import Console
-from runtime.record.report.battery import battery_lines
 from runtime.robot.loading.file import load
 from runtime.robot.rig import CODES, override, read
-from runtime.session.check import check
+from runtime.session.check.battery import battery_lines
+from runtime.session.check.report import check
 from tests.runtime.runs import KNEE_EXO, ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "rigs.md").read_text()

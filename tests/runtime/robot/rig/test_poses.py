@@ -11,9 +11,9 @@ from cext.kernels import no_io
 from graph import Device, Diagram, Output, Param, compile
 from runtime.host.console.styles import Console
 from runtime.host.errors import BadInput
-from runtime.record.report.preflight import ASK, ASK_AGAIN, text
+from runtime.record.report.preflight.table import Preflight
+from runtime.record.report.preflight.text import ASK, ASK_AGAIN, text
 from runtime.robot.rig.poses import Poses, readings
-from runtime.session.preflight import Preflight
 
 TURN = 2.0 * math.pi / 9  # rad, 40°: of an AK10-9
 

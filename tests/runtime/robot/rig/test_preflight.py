@@ -14,8 +14,8 @@ from blocks.safety import EStopHeartbeat
 from graph import Diagram, compile
 from runtime.host.console.styles import Console
 from runtime.record.report.failure_coverage import coverage, in_words
-from runtime.record.report.preflight import ASK, text
-from runtime.session.preflight import Preflight
+from runtime.record.report.preflight.table import Preflight
+from runtime.record.report.preflight.text import ASK, text
 from tests.runtime.robot.guardian.bus import ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, Files, finished, write
 from tests.runtime.terminals import Terminal

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import html
+import json
 from collections.abc import Callable, Mapping
 from itertools import groupby
 from typing import Any
 
 from graph.drawing.cards import unit_text
-from runtime.host.console.styles import Console, count
-from runtime.record.report.battery import battery_lines
-from runtime.record.report.preflight import covered
+from runtime.host.console.styles import Console, console_for, count
+from runtime.record.report.failure_coverage import covered
+from runtime.session.check.battery import battery_lines
 
 WIDTH = 110  # columns in a notebook
 FOLDED = ("ports", "schedule")  # sections that a notebook unfolds
@@ -37,8 +38,13 @@ def _in_html(text, folded):
     return f"<details><summary>{html.escape(title)}</summary>{lines}</details>" if folded else lines
 
 
+def report_lines(report: Mapping[str, Any], as_json: bool) -> list[str]:
+    """Return the lines of a report for standard output."""
+    return [json.dumps(report, indent=1, ensure_ascii=False)] if as_json else text(report, console_for())
+
+
 def text(report: Mapping[str, Any], console: Console) -> list[str]:
-    """Return all lines of the report. report : as returned by runtime.session.check.check"""
+    """Return all lines of the report. report : as returned by runtime.session.check.report.check"""
     lines = _heading(report, console)
     if not report["errors"]:
         for section in (_ports, _schedule, holds, _proofs, _buses):

@@ -1,7 +1,7 @@
 """The pre-flight table: the first sample and the safe stop of every device.
 
 The control process makes it as plain data between two rounds of arming. The recorder, which owns the terminal, prints
-it (runtime.record.report.preflight), and the operator confirms it before a drive is enabled.
+it (runtime.record.report.preflight.text), and the operator confirms it before a drive is enabled.
 """
 
 from __future__ import annotations

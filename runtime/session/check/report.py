@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
@@ -17,17 +16,16 @@ from graph.compiler import examine
 from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
-from runtime.host.console.styles import console_for, place
+from runtime.host.console.styles import place
 from runtime.host.errors import BadInput
-from runtime.record.report.check import text
 from runtime.record.report.failure_coverage import coverage
+from runtime.record.report.preflight.table import stop_of
 from runtime.robot.loading.file import blamed, load
 from runtime.robot.loading.recorded_signals import select_recorded
 from runtime.robot.loading.simulation import Simulation
 from runtime.robot.rig import read, require_ranges, require_supply
 from runtime.robot.rig.poses import Poses
-from runtime.session import battery
-from runtime.session.preflight import stop_of
+from runtime.session.check import battery
 
 if TYPE_CHECKING:
     from graph import Block, Diagnostic, Diagram, Schedule, TorqueBound
@@ -94,11 +92,6 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            null without devices
   errors, warnings         code, title, path, port, at (file:line), message,
                            hint"""
-
-
-def report_lines(report: Mapping[str, Any], as_json: bool) -> list[str]:
-    """Return the lines of a report for standard output."""
-    return [json.dumps(report, indent=1, ensure_ascii=False)] if as_json else text(report, console_for())
 
 
 def check(

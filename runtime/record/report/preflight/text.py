@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import ARM_HOLD
 from runtime.host.console.styles import count
-from runtime.record.report.failure_coverage import in_words
+from runtime.record.report.failure_coverage import covered
 
 if TYPE_CHECKING:
     from runtime.host.console.styles import Console
@@ -109,10 +109,3 @@ def _buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
         )
         lines += covered(bus["coverage"], console, "    ")
     return lines
-
-
-def covered(coverage: Sequence[dict[str, bool | str]], console: Console, margin: str) -> list[str]:
-    """Return two lines: the failures that a bus covers, and those that it does not."""
-    yes, no = in_words(coverage)
-    lines = console.hang(f"{margin}covered: ", yes, console.faint) if yes else []
-    return lines + (console.hang(f"{margin}not covered: ", no, console.warn) if no else [])

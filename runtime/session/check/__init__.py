@@ -1,0 +1,1 @@
+"""`check FILE`: the report as plain data, its text, and the budget of a battery."""
