@@ -9,10 +9,7 @@ import sys
 from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport (
-    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
-    NO_ANSWER, NOT_FINITE,
-    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, SUSPENDED,
-    TOO_HOT, UNCOMMANDED_TORQUE, UNGUARDED,
+    AUTHORITY, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, NO_ANSWER, OK, OVERRUN, PYTHON_ERROR, SILENT, SUSPENDED, UNGUARDED
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
@@ -22,7 +19,7 @@ from cext.clock.deadline_clock cimport monotonic
 from cext.memory.shared_state cimport ARMING, load_u64
 from cext.safety.thresholds cimport DISABLE_CONFIRM_LIMIT
 
-from cext.schedule.outcome import Outcome, name_of
+from cext.schedule.outcome import SURVIVED, Outcome, name_of
 from cext.clock.stopwatch import names
 
 
@@ -54,18 +51,10 @@ cdef class Waiting(Arming):
         return SUSPENDED if status > OK and self.publisher.was_suspended() else status
 
     cdef bint is_survived(self, int status):
-        """Return whether a run with this fault may be armed again.
-
-        Not after a stop by another process, without an operator, or for a wrong scale, which would persist.
-        """
+        """Return whether a run with this fault may be armed again."""
         if self.plant is not None and self.plant.culprit is not None:
             return False
-        return self.tick >= 0 and not self.signals.caught[0] and (
-            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP,
-                RMS_TORQUE, TOO_HOT,
-                       BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE,
-                       UNCOMMANDED_TORQUE)
-            or status >= FIRST_OWN_STATUS)
+        return self.tick >= 0 and not self.signals.caught[0] and (status in SURVIVED or status >= FIRST_OWN_STATUS)
 
     cdef object outcome(self, int status, tuple unanswered=()):
         """Return the Outcome of a run that ended now."""

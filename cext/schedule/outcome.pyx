@@ -42,6 +42,13 @@ STATUS = {
     SUSPENDED: "suspended",
 }
 
+# After these a run may be armed again. Not after a stop by another process, without an operator, or for a wrong scale,
+# which would persist.
+SURVIVED = frozenset((
+    NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT,
+    BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE, UNCOMMANDED_TORQUE,
+))
+
 
 @dataclass(frozen=True)
 class Outcome:

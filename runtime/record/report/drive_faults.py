@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,15 +19,10 @@ def text(status: str, block: Any, program: Program) -> str | None:
     """
     words = WORDS.get(status)
     row = next((row for row in program.reports.watched if block is not None and row["device"] == block.path), None)
-    return None if words is None or row is None else words(block, row["about"], row["value"], row["bound"])
-
-
-def _acceleration(block: Any, about: str, value: float, bound: float) -> str:
-    return (
-        f"the joint accelerates by up to {value:.0f} rad/s², more than its max_acceleration of {bound:g} rad/s², on "
-        "which its torque limit with stiffness or damping rests. Find the cause of the impact or vibration. If such "
-        "motion is intended, raise max_acceleration"
-    )
+    if words is None or row is None:
+        return None
+    facts = {"block": block, "about": row["about"], "value": row["value"], "bound": row["bound"]}
+    return words.format(**facts) if isinstance(words, str) else words(**facts)
 
 
 def _excess_torque(block: Any, about: str, value: float, bound: float) -> str:
@@ -37,32 +33,10 @@ def _excess_torque(block: Any, about: str, value: float, bound: float) -> str:
     )
 
 
-def _over_travel(block: Any, about: str, value: float, bound: float) -> str:
-    low, high = block.range
-    return (
-        f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find the cause before "
-        "you arm it again"
-    )
-
-
 def _overspeed(block: Any, about: str, value: float, bound: float) -> str:
     return (
         f"velocity {value:.3g} rad/s exceeds max_velocity, {bound:.3g} rad/s"
         f"{'' if block.max_velocity else ' by default'}"
-    )
-
-
-def _not_following(block: Any, about: str, value: float, bound: float) -> str:
-    return (
-        f"the drive outputs {value:.2g} N·m, but {bound:.2g} N·m are commanded: it was disabled, for instance by a "
-        "loss of power, or it has reached an internal limit. Check its supply, and arm it again"
-    )
-
-
-def _uncommanded_torque(block: Any, about: str, value: float, bound: float) -> str:
-    return (
-        f"the drive measures {value:.3g} N·m, but no torque is commanded. Cut its power. Then find out which program "
-        "commands the drive, or in which mode it starts"
     )
 
 
@@ -119,13 +93,18 @@ def _implausible(block: Any, about: str, value: float, bound: float) -> str:
     return f"the drive reports an impossible {about}, {value if math.isfinite(value) else str(float(value))}"
 
 
-WORDS = {
-    "acceleration": _acceleration,
+WORDS: dict[str, str | Callable[..., str]] = {  # format string, or function, of block, about, value and bound
+    "acceleration": "the joint accelerates by up to {value:.0f} rad/s², more than its max_acceleration of {bound:g} "
+    "rad/s², on which its torque limit with stiffness or damping rests. Find the cause of the impact or vibration. If "
+    "such motion is intended, raise max_acceleration",
     "excess torque": _excess_torque,
-    "over-travel": _over_travel,
+    "over-travel": "position {value:.3f} rad is outside the joint's range of {block.range[0]:g} to {block.range[1]:g} "
+    "rad. Find the cause before you arm it again",
     "overspeed": _overspeed,
-    "not following": _not_following,
-    "uncommanded torque": _uncommanded_torque,
+    "not following": "the drive outputs {value:.2g} N·m, but {bound:.2g} N·m are commanded: it was disabled, for "
+    "instance by a loss of power, or it has reached an internal limit. Check its supply, and arm it again",
+    "uncommanded torque": "the drive measures {value:.3g} N·m, but no torque is commanded. Cut its power. Then find "
+    "out which program commands the drive, or in which mode it starts",
     "scale mismatch": _scale_mismatch,
     "implausible": _implausible,
     "position jump": _position_jump,

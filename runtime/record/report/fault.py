@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cext.safety.suspend import time_suspended
 from cext.user_text import last_lines
@@ -65,44 +65,27 @@ def _when(result: RunResult) -> str:
     return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
 
 
+class Case(NamedTuple):
+    """A fault, and the block in which it arose, if any. program : of the diagram with the block, robot or plant"""
+
+    result: RunResult
+    block: Block | None
+    program: Program
+
+
 def what(result: RunResult, block: Block | None, program: Program) -> str:
     """Return the fault as text.
 
     block : block in which the fault arose, or None
     program : program of the diagram with the block: the robot or its plant
     """
-    outcome = result.outcome
-    timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
-    if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
-        timeout += f"; {result.rig.line(block.bus)}"
+    status = result.outcome.status
+    text = TEXTS.get(status, "")
     return (
-        {
-            "not finite": "a command is NaN or infinite"
-            if not result.failed_in_plant
-            else "its emulated reply contains NaN or infinity",
-            "out of limits": "a command is outside the proved interval",
-            "exception": raised(outcome),
-            "no answer": unanswered(result),
-            "silent": silent(block, timeout) + read_instead(result, block),
-            "device fault": "the device reports a fault",
-            "bus error": "the bus can neither send nor receive",
-            "overrun": overran(result),
-            "fenced": fenced(result),
-            "unguarded": unguarded(result),
-            "foreign command": foreign_command(block),
-            "rms torque": "RMS torque exceeds the rated torque" + seen(program, block, "rms", "N·m"),
-            "too hot": "the temperature exceeds its limit" + seen(program, block, "temperature", "°C"),
-            "e-stop": "the emergency stop was pressed",
-            "hung": hung(outcome),
-            "unclear pose": unclear(result),
-            "two devices": two_devices(block),
-            "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise "
-            "loop_timeout, or move what takes long to another thread",
-            "suspended": suspended(result),
-        }.get(outcome.status)
-        or drive_faults.text(outcome.status, block, program)
-        or kernel_fault(outcome.status, block)
-        or f"ended with status {outcome.status!r}"
+        (text if isinstance(text, str) else text(Case(result, block, program)))
+        or drive_faults.text(status, block, program)
+        or kernel_fault(status, block)
+        or f"ended with status {status!r}"
     )
 
 
@@ -132,32 +115,31 @@ def raised(outcome: Outcome) -> str:
     return f"its step exited the program ({words(error)})" if leaves else "its step raised an exception"
 
 
-def seen(program: Program, block: Block | None, what: str, unit: str) -> str:
+def seen(case: Case, what: str, unit: str) -> str:
     """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one.
 
     what : key in DeviceReports.watched
     """
-    return next(
-        (
-            f": {row[what]:.1f} {unit}"
-            for row in program.reports.watched
-            if block is not None and row["device"] == block.path
-        ),
-        "",
-    )
+    path = None if case.block is None else case.block.path
+    return next((f": {row[what]:.1f} {unit}" for row in case.program.reports.watched if row["device"] == path), "")
 
 
-def silent(block: Block | None, timeout: str) -> str:
-    """Return for how long a device did not reply. timeout : text of its timeout"""
+def silent(result: RunResult, block: Block | None) -> str:
+    """Return for how long a device did not reply, and what was received instead."""
+    timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
+    if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
+        timeout += f"; {result.rig.line(block.bus)}"
+    words = fault_context.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
+    instead = f"; {words}" if words else ""
     restart = getattr(block, "restart_time", 0.0)
     if not 0.0 < restart < getattr(block, "timeout", 0.0):
-        return f"no reply for longer than its timeout{timeout}"
+        return f"no reply for longer than its timeout{timeout}{instead}"
     return (
         f"no reply for longer than its restart_time ({restart:g} s, or two periods): it may have restarted, and it "
         "would obey the next command without an enable, at an angle that may have shifted. Check its supply and the "
         "bus. A USB adapter that delivers replies in bursts has the same effect: set its latency timer to 1 ms, or use "
         "an interface with native SocketCAN. If the drive was measured to need longer to restart, set restart_time to "
-        "that"
+        f"that{instead}"
     )
 
 
@@ -195,12 +177,6 @@ def frames_received(statistics: Mapping[str, Any]) -> list[str]:
         if received
         else "no frame was received on any bus"
     ]
-
-
-def read_instead(result: RunResult, block: Block | None) -> str:
-    """Return the rejected replies of a silent device as text, such as '; 20 replies of 7 bytes'."""
-    words = fault_context.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
-    return f"; {words}" if words else ""
 
 
 def where_it_is(block: Device, rig: RigBuses | None) -> str:
@@ -315,6 +291,32 @@ def overran(result: RunResult) -> str:
     took = f"it took {micro(row['longest'])} (tick {row['at_tick']}); " if row else ""
     missed = f"{result.statistics['missed']} grid points were missed in total"
     return f"{took}{missed}, more than --overrun {result.request.overrun} allows"
+
+
+TEXTS: dict[str, str | Callable[[Case], str]] = {  # of each status of an Outcome; drive_faults.WORDS has the monitor's
+    "not finite": lambda case: (
+        "its emulated reply contains NaN or infinity" if case.result.failed_in_plant else "a command is NaN or infinite"
+    ),
+    "out of limits": "a command is outside the proved interval",
+    "exception": lambda case: raised(case.result.outcome),
+    "no answer": lambda case: unanswered(case.result),
+    "silent": lambda case: silent(case.result, case.block),
+    "device fault": "the device reports a fault",
+    "bus error": "the bus can neither send nor receive",
+    "overrun": lambda case: overran(case.result),
+    "fenced": lambda case: fenced(case.result),
+    "unguarded": lambda case: unguarded(case.result),
+    "foreign command": lambda case: foreign_command(case.block),
+    "rms torque": lambda case: "RMS torque exceeds the rated torque" + seen(case, "rms", "N·m"),
+    "too hot": lambda case: "the temperature exceeds its limit" + seen(case, "temperature", "°C"),
+    "e-stop": "the emergency stop was pressed",
+    "hung": lambda case: hung(case.result.outcome),
+    "unclear pose": lambda case: unclear(case.result),
+    "two devices": lambda case: two_devices(case.block),
+    "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise loop_timeout, "
+    "or move what takes long to another thread",
+    "suspended": lambda case: suspended(case.result),
+}
 
 
 def circumstances(outcome: Outcome, diagram: Diagram, schedule: Schedule, program: Program, block: Any) -> list[str]:

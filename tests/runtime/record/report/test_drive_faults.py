@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from runtime.record.report import fault
+from cext.schedule.outcome import STATUS
+from runtime.record.report import drive_faults, fault
 from runtime.session.prepare import prepare
 from runtime.session.request import Request
 from runtime.session.session import Session
@@ -143,3 +144,7 @@ def test_every_motion_and_torque_fault_reports_value_bound_and_remedy(tmp_path, 
     lines = fault.explain(result)
     assert re.fullmatch(rf"FAULT at knee, tick \d+ \([\d.]+ s\): {said}.*", lines[0]), lines[0]
     assert result.outcome.status == re.split(" of | by | for ", what)[0]
+
+
+def test_every_fault_has_a_text():
+    assert fault.TEXTS.keys() | drive_faults.WORDS.keys() == set(STATUS.values()) - {"ok"}
