@@ -58,7 +58,7 @@ class ConnectedRobot:
             raise RunFault(self.trial.fault) if self.trial.fault is not None else BadInput(ENDED)
         shared = self._run.shared
         assert shared is not None
-        self._page, self._writer, self._table = shared, Writer(shared), table.read(shared)
+        self._shared, self._writer, self._table = shared, Writer(shared), table.read(shared)
         self._columns = {path: (index, dtype) for index, (path, dtype, _) in enumerate(self._table.signals)}
         self._row = NewestRow(shared, len(self._columns))
         return self
@@ -75,21 +75,21 @@ class ConnectedRobot:
             while self._advance():
                 yield self.tick
         finally:
-            self._page.watch_program(0, 0)
+            self._shared.watch_program(0, 0)
             self.close()
         if self.trial.fault is not None:
             raise RunFault(self.trial.fault)
 
     def _advance(self) -> bool:
         """Wait for the next tick. Returns False if the run has ended."""
-        self._page.watch_program(self._limit, time.monotonic_ns())
+        self._shared.watch_program(self._limit, time.monotonic_ns())
         self._take_answers()
         before = self.tick
-        due = (self._page.began + self._page.first_tick) * 1e-9 + (before + 1) / self.rate
+        due = (self._shared.began + self._shared.first_tick) * 1e-9 + (before + 1) / self.rate
         while not self._row.look():
-            if self._run.look(0.0) or self._page.closed:
+            if self._run.look(0.0) or self._shared.closed:
                 return False
-            self._page.watch_program(self._limit, time.monotonic_ns())  # it waits for the run, not the other way
+            self._shared.watch_program(self._limit, time.monotonic_ns())  # it waits for the run, not the other way
             time.sleep(max(POLL_PERIOD, min(due - time.monotonic(), 0.5 / self.rate)))
         self._run.look(0.0)
         self.missed += self.tick - before - 1 if before >= 0 else 0
@@ -110,7 +110,7 @@ class ConnectedRobot:
         if elements:
             return np.array(self._row.values[elements])
         for parameter, (value, _) in zip(
-            self._table.parameters, table.values(self._page, self._table.parameters), strict=True
+            self._table.parameters, table.values(self._shared, self._table.parameters), strict=True
         ):
             if parameter.path == path:
                 return parameter.plain(value)
@@ -159,7 +159,7 @@ class ConnectedRobot:
                 continue
             del self._tickets[ticket]
             if answer[0] not in ("taken", "over"):
-                why = "; ".join(self._table.broken(self._page, values)) or answer[0]
+                why = "; ".join(self._table.broken(self._shared, values)) or answer[0]
                 raise BadInput(f"the run rejected {words} ({why}); nothing was changed")
 
     @property
@@ -180,7 +180,7 @@ class ConnectedRobot:
     @property
     def state(self) -> str:
         """State of the run, such as "running", or "waiting" after a fault with rearm=True."""
-        return "safe" if self._trial is not None else self._page.state
+        return "safe" if self._trial is not None else self._shared.state
 
     @property
     def trial(self) -> Trial:

@@ -106,7 +106,7 @@ class GuardianProcess(ChildProcess):
         lines_of_relays: Sequence[int] = (),
     ) -> None:
         shared.take_hold()  # before another process waits for it
-        self._page = shared
+        self._shared = shared
         inherited = (
             shared.fd,
             *([bell] if bell >= 0 else ()),
@@ -209,7 +209,7 @@ class GuardianProcess(ChildProcess):
         """End the process, by force after `grace` s, and return how it ended."""
         if self._orders.closed:
             return _ending(self._child.returncode)
-        self._page.let_go()
+        self._shared.let_go()
         with suppress(OSError):
             self._orders.close()
         try:
@@ -246,7 +246,7 @@ class GuardianProcess(ChildProcess):
         assert plan is not None and interfaces is not None and self._spare is not None
         self._spare.release()
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
-        while not self._page.guardian_died and time.monotonic() < deadline:
+        while not self._shared.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
         problems = {}
         for index, bus in enumerate(plan["buses"]):
@@ -258,7 +258,7 @@ class GuardianProcess(ChildProcess):
         now = time.monotonic_ns()
         relays = [Relay(relay, now) for relay in plan["relays"]]
         stop = SafeStop(
-            interfaces.devices, interfaces.wires, now, relays=relays, out=self._page.out, lasts=round(lasts * 1e9)
+            interfaces.devices, interfaces.wires, now, relays=relays, out=self._shared.out, lasts=round(lasts * 1e9)
         )
         for index in interfaces.wires:
             interfaces.listen(index)
