@@ -29,7 +29,7 @@ def build(model="AK80-9", right_model="", mass=70.0, assistance=1.0, peak_time=0
     """Return the robot.
 
     model, right_model : AK80-9 or CyberGear, of both actuators, or of the left and the right one
-    mass : of the wearer, kg
+    mass : mass of the wearer, kg
     assistance : peak torque as a share of the limit, from 0 to 1
     peak_time : gait phase of the peak
     share : largest share of the biological torque

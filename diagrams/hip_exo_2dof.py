@@ -20,7 +20,7 @@ from wearer import wearer as plant  # noqa: F401
 def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
     """Return the robot.
 
-    mass : of the wearer, kg
+    mass : mass of the wearer, kg
     scale, delay : share of the biological torque, and its delay in s
     support : torque in abduction in stance, N·m
     """

@@ -20,7 +20,7 @@ PROFILE = ((0.04, 0.0), (0.20, -6.0), (0.40, 0.0), (0.52, 0.0), (0.66, 8.0), (0.
 
 
 def build(assistance=1.0, model="AK80-9"):
-    """Return the robot. assistance : scale of the torque profile, from 0 to 1; model : of both actuators"""
+    """Return the robot. assistance : scale of the torque profile, from 0 to 1; model : model of both actuators"""
     with Diagram("hip_exo_bilateral", rate=200) as diagram:
         hips, gaits = {}, {}
         for can_id, side in enumerate(SIDES, 1):

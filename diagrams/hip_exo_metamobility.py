@@ -18,7 +18,7 @@ from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0, scale=0.15, delay=0.15):
-    """Return the robot. mass : of the wearer, kg; scale, delay : share of the biological torque, and its delay in s"""
+    """Return the robot. mass : mass of the wearer, kg; scale, delay : share of the biological torque, its delay in s"""
     with Diagram("hip_exo_metamobility", rate=200) as diagram:
         pelvis = pitch("pelvis", ICM20948(magnetometer=False, name="pelvis_imu"))
         hips, thighs = {}, {}

@@ -24,7 +24,7 @@ FLEXION = ((0.48, 0.0), (0.60, 9.0), (0.70, 0.0))
 
 
 def build(mass=70.0, share=0.3, delay=0.1):
-    """Return the robot. mass : of the wearer, kg; share, delay : of the biological torque, delay in s"""
+    """Return the robot. mass : mass of the wearer, kg; share, delay : share of the biological torque, its delay in s"""
     with Diagram("knee_exo_gatech", rate=200) as diagram:
         legs = {side: leg(side, number, mass) for number, side in enumerate(SIDES, 1)}
         walking = walk({side: phase for side, (phase, _) in legs.items()})

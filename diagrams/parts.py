@@ -78,7 +78,7 @@ def insole(side):
 
 
 def gait(angle, velocity, strike=None):
-    """Return the Gait of a leg. angle, velocity : of thigh or hip; strike : heel strike, by default from the angle"""
+    """Return the Gait of a leg. angle, velocity : motion of thigh or hip; strike : by default from the angle"""
     if strike is None:
         strike = ThighEvents(name="events")(angle).strike
     estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
@@ -127,7 +127,7 @@ def learned_gait(thighs):
 def hip_assistance(thighs, mass, scale, delay):
     """Return {side: torque}, the share of the biological torque of the hip that the network hip_torque estimates.
 
-    thighs : {side: Motion}; mass : of the wearer, kg; scale, delay : as in BiologicalTorque
+    thighs : {side: Motion}; mass : mass of the wearer, kg; scale, delay : as in BiologicalTorque
     """
     torques = {}
     for side, hip in estimate("hip_torque", thighs).items():

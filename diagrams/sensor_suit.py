@@ -16,7 +16,7 @@ from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0):
-    """Return the robot. mass : of the wearer, kg"""
+    """Return the robot. mass : mass of the wearer, kg"""
     with Diagram("sensor_suit", rate=200) as diagram:
         walk({side: leg(side, serial, mass) for side, serial in zip(SIDES, (133951, 133954))})
         CsvRecorder()

@@ -36,7 +36,7 @@ class Example:
     """Example of a block.
 
     given : its parameters, as keyword arguments
-    path : of the block in the diagram
+    path : path of the block in the diagram
     motion : parameters of the Walker
     """
 

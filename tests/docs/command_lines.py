@@ -13,7 +13,7 @@ INCOMPLETE = ("missing argument", "no diagram file", "no recording", "one of the
 
 
 class Parsed(Exception):
-    """The parser has accepted the arguments. parser : of the command"""
+    """The parser has accepted the arguments. parser : parser of the command"""
 
     def __init__(self, parser):
         super().__init__()

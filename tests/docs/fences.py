@@ -15,8 +15,8 @@ SAVED = re.compile(r"Save\s+this\s+as\s+`([\w.]+)`[^`]*:$")
 class Fence:
     """One fenced block.
 
-    language : of its first line, "" if it has none
-    text : with a newline at its end
+    language : language in the first line, "" if it has none
+    text : content, with a newline at its end
     file : name under which the page asks to save it, or ""
     """
 

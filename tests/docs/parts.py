@@ -16,7 +16,7 @@ class Part(NamedTuple):
 
     name : what it is; supplier, number : who sells it, and its number there
     mass : g, None if no public source states it
-    price : "$112.21", "" if it is not public; date : on which that price was read
+    price : "$112.21", "" if it is not public; date : date on which that price was read
     page : address of the product
     """
 

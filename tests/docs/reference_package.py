@@ -93,7 +93,7 @@ def commands(folder):
 
 
 def collected(folder):
-    """Return everything that is stored. folder : of the unpacked source distribution"""
+    """Return everything that is stored. folder : folder of the unpacked source distribution"""
     package, modules = folder / "epicallypowerful", {}
     for path in sorted(package.rglob("*.py*")):
         name = ".".join(path.relative_to(package).with_suffix("").parts).replace(".__init__", "")

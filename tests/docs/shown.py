@@ -11,7 +11,7 @@ RATE = 200.0  # Hz
 class Shown:
     """What an example uses in place of what the declarations determine; None keeps that.
 
-    parameters : of the block
+    parameters : parameters of the block
     inputs : {input: expression}
     style : curve, step or waves
     duration : s

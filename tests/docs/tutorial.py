@@ -30,7 +30,7 @@ class Reader:
     folder : empty
     channel : multicast group in place of that of the page
     pause : s before and after the keys in the run on the rig
-    options : of the run on the rig
+    options : options of the run on the rig
     how : arguments of `started`
     """
 
