@@ -176,7 +176,7 @@ def test_fault_of_a_drive_ends_the_loop_with_its_report(bus):
     with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", stop_for=0.5) as robot:
         with pytest.raises(RunFault, match="no reply for longer than its timeout"):
             for tick in robot:
-                if tick == 50:
+                if tick >= 50:  # a busy machine may skip tick 50
                     bus.drives.kill()
     assert robot.trial.fault["status"] == "silent" and robot.state == "safe"
 
