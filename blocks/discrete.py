@@ -93,7 +93,7 @@ class Integrator(Block):
         trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2   with u[-1] = 0
 
     The state itself is limited, so the integral leaves a limit as soon as u changes sign: no windup. While `restart` is
-    true the output is `initial`. dt is the actual time since the previous step, also after missed ticks. NaN persists
+    true the output is `initial`. dt is the actual time since the previous step, even after missed ticks. NaN persists
     until a restart, and infinity becomes NaN.
     """
 

@@ -98,7 +98,7 @@ class EStopSwitch(GpioLine, StreamDevice):
 
     An open contact and a broken wire stop the robot. Connect a normally closed contact between the line and ground
     (`bias="pull_up"`, `active_low=True`, the defaults). A press ends the run in the tick that receives it: no command
-    of that tick is sent. It is latched, however short it is, also during arming. A disconnected line and an unknown
+    of that tick is sent. It is latched, however short it is, even during arming. A disconnected line and an unknown
     level count as a press. This is software, and never replaces a switch that cuts the power of the motors.
     """
 

@@ -202,7 +202,7 @@ class Counter(Block):
 class Timer(Block):
     """Time since `restart` was last true, or since the start: elapsed = t − t₀, 0 while `restart` is true.
 
-    Direct feedthrough. Time follows the clock, also while the subsystem of the timer is disabled. NaN passes without
+    Direct feedthrough. Time follows the clock, even while the subsystem of the timer is disabled. NaN passes without
     stopping the timer.
     """
 

@@ -188,7 +188,7 @@ class Playback(_OverTime, Block):
     """Playback of one column of a CSV file, timed by a column of times in s.
 
     The first row is t = 0. Columns are selected by name; the unit follows the name in the header, as in
-    `knee.position [rad]`. A NaN in the file gives NaN, also while interpolating to and from it.
+    `knee.position [rad]`. A NaN in the file gives NaN, even while interpolating to and from it.
     """
 
     file = Param(

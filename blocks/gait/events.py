@@ -102,7 +102,7 @@ class ThighEvents(_Events, Block):
 class KneeEvents(_Events, Block):
     """Heel strike from the angle of a knee: `lead` of a stride after its extension in late swing slows down.
 
-    The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer, also to a
+    The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer, even to a
     stiff knee with 0.6 of the range or less. The event is where the angle has fallen by 60 % of that rise and the
     velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults at 0.6 to 1.9 m/s. The
     extension must reach a rate of 3.5 times its range per stride: that rate is 5 to 10 in walking, and 3.1 for a

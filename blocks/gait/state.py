@@ -21,8 +21,8 @@ class GaitState(Block):
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
     stands. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
 
-    Limits: standing is not detected if the thighs sway faster than the limit; steps in place count as walking. Direct
-    feedthrough; NaN and infinity give a NaN confidence.
+    Limits: standing is not detected if the thighs sway faster than the limit; stepping in place counts as walking.
+    Direct feedthrough; NaN and infinity give a NaN confidence.
     """
 
     still_velocity = Param(0.25, "rad/s", "largest velocity of a standing leg", above=0.0)

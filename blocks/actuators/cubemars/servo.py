@@ -51,8 +51,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     to servo mode with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
     `current_brake_command`, `velocity_command`, or `position_command`. Only a current bounds the torque, to
     `limit`; in the other modes the current is limited only by the settings of the drive. Commands have no reply: a
-    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board. Statuses of a current
-    near zero confirm it, of a V3.0 board with its answer to the disable. A board V1 or V2 has no disable.
+    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board. Reports of a current
+    near zero confirm it, together with the answer of a V3.0 board to the disable. A board V1 or V2 has no disable.
     """
 
     model, bus, can_id, limit, invert, offset = (

@@ -119,7 +119,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
     with different feedback: position, velocity and current at `report_rate`. The feedback covers ± 3276.8° of a motor,
     commands ± 12.56 rad. The torque is computed from the current. With stiffness and damping, the drive must report at
-    least every second tick: both are zero with older feedback. Statuses of a current near zero, with the board's answer
+    least every second tick: both are zero with older feedback. Reports of a current near zero, with the board's answer
     to the disable, confirm the safe stop.
     """
 
