@@ -157,6 +157,13 @@ def block_page(app, text):
     return page if page in app.env.found_docs else None
 
 
+def mark_words(app, doctree, docname):
+    """Give code spans without a space the class `word`: a phone keeps `--option` in one line."""
+    for span in doctree.findall(nodes.literal):
+        if " " not in span.astext():
+            span["classes"].append("word")
+
+
 def link_blocks(app, doctree, docname):
     """Link the names of blocks in code spans to their pages, except in headings, links and a block's own page."""
     for span in list(doctree.findall(nodes.literal)):
@@ -174,4 +181,5 @@ def setup(app):
     app.connect("autodoc-process-docstring", docstring)
     app.connect("autodoc-skip-member", skip)
     app.connect("source-read", read)
+    app.connect("doctree-resolved", mark_words)
     app.connect("doctree-resolved", link_blocks)
