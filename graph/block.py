@@ -58,6 +58,7 @@ class Block:
     outputs: dict[str, Output] = {}
     parameters: dict[str, Param[Any]] = {}
     memory: dict[str, Memory] = {}
+    positional: tuple[str, ...] | None = None  # parameters that may be passed by position, in order; None: all
     free_units: tuple[str, ...] = ()  # "any" inputs that need not share the one unit of the others
     variadic: bool = False  # takes any number of signals
     width: int = 1  # elements of its `...` ports, once it is known
@@ -101,6 +102,8 @@ class Block:
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         check_class(cls, declared, _WORDS)
+        if cls.positional is not None:
+            cls.parameters = {name: cls.parameters[name] for name in cls.positional} | cls.parameters
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)
@@ -140,13 +143,17 @@ class Block:
         def wrong(message, hint=""):
             problems.append(Diagnostic("TW010", message, path=who, where=self.location, hint=hint))
 
-        names = list(self.parameters)
+        names = list(self.parameters if self.positional is None else self.positional)
         signal = next((value for value in (*values, *named.values()) if isinstance(value, Signal)), None)
         if signal is not None and not named.keys() & self.inputs.keys():
             wrong(f"the signal {signal.path} was passed as a parameter", hints.in_second_parentheses(self))
             raise DiagramError(problems)
         if len(values) > len(names):
-            wrong(f"takes {count(names, 'parameter')} ({', '.join(names) or 'none'}), got {len(values)}")
+            by_position = "" if self.positional is None else " by position"
+            wrong(
+                f"takes {count(names, 'parameter')}{by_position} ({', '.join(names) or 'none'}), got {len(values)}",
+                by_position and "pass the others by name",
+            )
         given = dict(zip(names, values))
         for key, value in named.items():
             if key not in self.parameters:

@@ -26,6 +26,9 @@ def check_class(kind: Any, declared: Iterable[str], reserved: Iterable[str]) -> 
     taken = next((name for name in declared if name in reserved), None)
     if taken is not None:
         raise TypeError(f"{kind.__name__}: {taken!r} is reserved and cannot name a port or parameter")
+    unknown = next((name for name in kind.positional or () if name not in kind.parameters), None)
+    if unknown is not None:
+        raise TypeError(f"{kind.__name__}.positional names {unknown!r}, which is not a parameter of the class")
     code = getattr(inspect.unwrap(kind.__init__), "__code__", None) if "__init__" in vars(kind) else None
     if code is not None and "__init__" not in code.co_names:
         raise TypeError(

@@ -247,11 +247,12 @@ def constructor(kind: type[Block]) -> list[str]:
         annotation = value_type(param)
         if not param.fixed and annotation != "Any":
             annotation += " | Live"
+        named = kind.positional is not None and name not in kind.positional
         if param.required:
-            (after if optional else before).append(f"{name}: {annotation}")
+            (after if optional or named else before).append(f"{name}: {annotation}")
             continue
         optional = True
-        (after if after else before).append(f"{name}: {annotation} = {default(param.default)}")
+        (after if after or named else before).append(f"{name}: {annotation} = {default(param.default)}")
     return [*before, *(["*"] if after else []), *after, "**options: Unpack[BlockOptions]"]
 
 

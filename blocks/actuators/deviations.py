@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from blocks.actuators.ranges import RANGES
 from graph import Deviation
 
 TOLERANCE = 1e-6  # relative
-RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 UNITS = ("rad", "rad/s", "N·m/rad", "N·m·s/rad", "N·m")
 
 # effect of each range if the drive evaluates the law with that of the table, and if it only reports with it

@@ -6,32 +6,26 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from blocks.actuators.joint import RANGES, Ranges
+from blocks.actuators.pose import Pose
+from blocks.actuators.ranges import RANGES, Ranges
 from graph import Input, Interval, Memory, Output, Param
 
 ANSWERS, WORDS = 24, 4  # of cext/kernels/devices/drives.pxd
 
 
-class Emulated:
+class Emulated(Ranges):
     """Ports and parameters of an emulated drive, which outputs torque and replies to each command with its state.
 
     A family defines `find` and the native kernel, encode and decode. With every fault input at zero, the drive is
     healthy.
     """
 
+    positional: tuple[str, ...] | None = ("model", "bus", "can_id")
+
     model = Param("", "1", "model in the vendor's spelling", required=True, dtype=str)
     bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     can_id = Param(1, "1", "CAN id of the drive", min=1, max=255, fixed=True)
-    invert = Param(False, "1", "whether the joint turns opposite to the motor", fixed=True)
-    offset = Param(
-        0.0,
-        "rad",
-        "motor position at the zero of the joint, in the units and direction of the joint",
-        min=-12.5,
-        max=12.5,
-        fixed=True,
-    )
-    gear_ratio = Ranges.gear_ratio
+    invert, offset = Pose.invert, Pose.offset
     peak = Param(
         None, "N·m", "largest torque at the joint; the model's peak by default", above=0.0, dtype=float, fixed=True
     )
@@ -46,8 +40,6 @@ class Emulated:
     )
     turns = Param(0, "1", "initial error of the reading in motor turns", fixed=True, kernel=False)
     trip_temperature: Param[Any] = Param(math.inf, "°C", "temperature of the over-temperature fault", fixed=True)
-    wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
-    wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
 
     position = Input("rad", "position of the joint")
     velocity = Input("rad/s", "velocity of the joint")

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import ParamSpec, TypeVar
 
-    Arguments, Result = ParamSpec("Arguments"), TypeVar("Result")
+    Arguments = ParamSpec("Arguments")  # on a line of its own: type checkers do not read an assignment of two
+    Result = TypeVar("Result")
 
 
 def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Arguments, Result]":

@@ -104,6 +104,24 @@ def test_parameters_by_position_are_counted_and_not_given_twice():
     assert refusal(Gain, 1.0, gain=2.0).message == "gain was given twice"
 
 
+def test_only_some_parameters_of_a_block_may_be_passed_by_position():
+    class Drive(Block):
+        y = Output("1")
+        speed = Param(1.0)
+        bus = Param("can", dtype=str)
+        positional = ("bus",)
+
+        def step(self):
+            return self.speed
+
+    assert list(Drive.parameters) == ["bus", "speed"]
+    assert Drive("legs", speed=2.0).step() == 2.0
+    found = refusal(Drive, "legs", 2.0)
+    assert (found.message, found.hint) == ("takes 1 parameter by position (bus), got 2", "pass the others by name")
+    with pytest.raises(TypeError, match="Wrong.positional names 'buss', which is not a parameter of the class"):
+        type("Wrong", (Drive,), {"positional": ("buss",)})
+
+
 @pytest.mark.parametrize("every", [0, -1, 1.5, "2", None, True, math.nan, 2**31])
 def test_a_block_runs_in_every_whole_number_of_ticks(every):
     found = refusal(Gain, every=every)

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from blocks.actuators.cubemars.models import Motor
 
 
-class Boards:
-    """Common parts of the emulated boards, copied one by one after the items of every emulated drive."""
+class Board(Emulated):
+    """Common parts of the emulated boards."""
 
     report_rate = Param(
         0.0, "Hz", "rate of the reports; 0: one reply per command instead", min=0.0, max=500.0, fixed=True
@@ -39,13 +39,26 @@ class Boards:
         "pending confirmation, 1 after a loss of power",
     )
 
+    def configure(self) -> None:
+        """Look up the model, and derive the scales of the status. Raises ValueError for an unknown model."""
+        spec = self.find(self.model)
+        if self.peak is None and spec.peak is None:
+            self.peak = spec.wire_torque * self.gear_ratio
+        super().configure()
+        constant = self.torque_constant or spec.torque_constant
+        self.scales = frames.scales(with_pole_pairs(spec, self.pole_pairs), self.gear_ratio, constant)
+
+    def addresses(self) -> list[tuple[int, bool]]:
+        """Return its id, which is extended."""
+        return [(self.can_id, True)]
+
 
 def with_pole_pairs(spec: Any, pole_pairs: int) -> Motor:
     """Return a model with other pole pairs than the table's, unless `pole_pairs` is 0."""
     return replace(spec, pole_pairs=pole_pairs) if pole_pairs else spec
 
 
-class EmulatedCubeMarsV3(Emulated, Device):
+class EmulatedCubeMarsV3(Board, Device):
     """Emulated V3.0 board with force control and servo mode: outputs torque and reports its state.
 
     Torque is the drive's law of the last command, up to the peak torque, and zero until it is commanded, after a
@@ -53,10 +66,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
     executes the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
-    report_rate = Boards.report_rate
     enter = Param(False, "1", "whether force control must be entered with FF..FC", fixed=True, kernel=False)
-    torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
-    scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
     find = staticmethod(models_v3.find)
     kernel = kernels.drive
@@ -64,22 +74,11 @@ class EmulatedCubeMarsV3(Emulated, Device):
     encode = kernels.drive_encode
 
     def configure(self) -> None:
-        self.spec = self.find(self.model)
-        if self.peak is None and self.spec.peak is None:
-            self.peak = self.spec.wire_torque * self.gear_ratio
         super().configure()
-        self.scales = frames.scales(
-            with_pole_pairs(self.spec, self.pole_pairs),
-            self.gear_ratio,
-            self.torque_constant or self.spec.torque_constant,
-        )
         self.board = (1.0, float(self.enter))
 
-    def addresses(self) -> list[tuple[int, bool]]:
-        return [(self.can_id, True)]
 
-
-class EmulatedCubeMarsServo(Emulated, Device):
+class EmulatedCubeMarsServo(Board, Device):
     """Emulated board of any generation in servo mode: outputs torque and reports its state.
 
     The gains of the velocity and position loops are assumed, since the vendor's tool sets the real ones. A V3.0 board
@@ -89,8 +88,6 @@ class EmulatedCubeMarsServo(Emulated, Device):
     report_rate = Param(
         100.0, "Hz", "rate of the reports; 0: one reply per command instead", min=0.0, max=500.0, fixed=True
     )
-    torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
-    scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
     find = staticmethod(models_v3.find_in_servo_mode)
     kernel = kernels.drive
@@ -103,13 +100,5 @@ class EmulatedCubeMarsServo(Emulated, Device):
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
     def configure(self) -> None:
-        self.spec = self.find(self.model)
-        if self.peak is None and self.spec.peak is None:
-            self.peak = self.spec.wire_torque * self.gear_ratio
         super().configure()
-        constant = self.torque_constant or self.spec.torque_constant
-        self.scales = frames.scales(with_pole_pairs(self.spec, self.pole_pairs), self.gear_ratio, constant)
         self.board = (float(self.spec.generation >= 3), 0.0)
-
-    def addresses(self) -> list[tuple[int, bool]]:
-        return [(self.can_id, True)]

@@ -10,8 +10,8 @@ from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.mit import CubeMars
 from blocks.actuators.cubemars.servo import CubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3
-from blocks.actuators.joint import unit_of
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
+from blocks.actuators.ranges import unit_of
 from blocks.limiters import Saturation
 from blocks.sources import TimeTable
 from graph.dialogue import Rejected

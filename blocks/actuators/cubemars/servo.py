@@ -9,8 +9,11 @@ from typing import Any
 from blocks.actuators import deviations
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
-from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
-from blocks.actuators.joint import MAX_TRANSIT, Joint, motion_of, winding_of
+from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
+from blocks.actuators.drive import Drive, winding_of
+from blocks.actuators.joint import MAX_TRANSIT
+from blocks.actuators.pose import motion_of
+from blocks.actuators.requests import Requests
 from cext.kernels.devices.cubemars import servo as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
 from graph import Actuator, DampedStop, Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
@@ -44,7 +47,13 @@ COMMANDS = {
 }
 
 
-class CubeMarsServo(ExtendedFrames, Actuator):
+class CurrentCommand:
+    """The command of the current modes. A base class, so that it is the first input of the block."""
+
+    current_command = Input("A", "current of the motor, in the direction of the joint")
+
+
+class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, Actuator):
     """CubeMars actuator in servo mode: the drive controls duty, current, velocity or position.
 
     (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 must be set
@@ -55,21 +64,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     near zero confirm it, together with the answer of a V3.0 board to the disable. A board V1 or V2 has no disable.
     """
 
-    model, bus, can_id, limit, invert, offset = (
-        Joint.model,
-        Joint.bus,
-        Joint.can_id,
-        Joint.limit,
-        Joint.invert,
-        Joint.offset,
-    )
-    timeout, gear_ratio, range, max_velocity = Joint.timeout, Joint.gear_ratio, Joint.range, Joint.max_velocity
-    wake_shift, known_pose, reference, check_pose = (
-        Joint.wake_shift,
-        Joint.known_pose,
-        Joint.reference,
-        Joint.check_pose,
-    )
     mode = Param("current", "1", "controlled quantity", choices=tuple(KINDS), fixed=True)
     velocity_limit = Param(
         2.0,
@@ -95,58 +89,28 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         fixed=True,
         kernel=False,
     )
-    restart_time = Reporting.restart_time
     max_transit: float = MAX_TRANSIT  # of reports, whose transit cannot be measured
     safe_stop = Param("disable", "1", "safe stop: disable, or brake first", choices=("disable", "brake"))
     stop_current = Param(1.0, "A", "braking current in the safe stop", above=0.0, max=CURRENT, fixed=True, kernel=False)
-    stop_time = Joint.stop_time
     rms_mode = Param(
         "disable",
         "1",
         "action when the RMS torque exceeds the rated torque; saturate and throttle require a current mode",
         choices=("silent", "warn", "saturate", "throttle", "disable"),
     )
-    rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
-    derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
-    zero_at_arming, disabled = Joint.zero_at_arming, Joint.disabled
 
-    current_command = Input("A", "current of the motor, in the direction of the joint")
-    zero, disable, active = Joint.zero, Joint.disable, Joint.active
-    position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
-    temperature = Joint.temperature
-    fault, age, rms_torque = Joint.fault, Joint.age, Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
-    scales, notice = Reporting.scales, Reporting.notice
     limits = Memory((0.0,) * 3, "lowest and highest command, and its permitted fraction")
     written = Memory(
         (0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration"
     )
 
     # not the torque constant: with another a rig could raise the current
-    hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", "report_rate")
+    hardware = (*Drive.hardware, "report_rate")
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
     unread_settings = ("report rate", "current limit", "time-out")
-    reports_a_tick: int
-    # Joint and Reporting are not base classes, since this block does not have all of their ports
-    watched, find_limit, given_limit, rated_torque = (
-        Joint.watched,  # pyright: ignore[reportAssignmentType]
-        Joint.find_limit,
-        Joint.given_limit,
-        Joint.rated_torque,
-    )
-    check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
-    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
-    prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
-    check_temperatures, fastest, rest_torque = Joint.check_temperatures, Joint.fastest, Joint.rest_torque
-    check_zero, zeroing = Joint.check_zero, Joint.zeroing  # pyright: ignore[reportAssignmentType]
-    reach = Joint.reach  # pyright: ignore[reportAssignmentType]
-    torque_accuracy, motion_of_any_mode, feedback_ends = (
-        Joint.torque_accuracy,
-        Joint.motion_of_any_mode,
-        CubeMarsV3.feedback_ends,
-    )
 
     def configure(self) -> None:
         self.inputs, self.outputs = type(self).inputs, type(self).outputs

@@ -23,7 +23,7 @@ NOTHING = bytes.fromhex("0000007fff7ff7ff")
 
 
 class Reporting:
-    """Feedback of boards that report in extended frames, and its decoding. The blocks copy the items one by one."""
+    """Feedback of boards that report in extended frames, and its decoding."""
 
     report_rate = Param(
         0.0,
@@ -82,6 +82,11 @@ class Reporting:
             "temperature": Interval(-128.0, 127.0),
         }
 
+    def feedback_ends(self) -> tuple[float, ...]:
+        """Return the ends of the feedback's range at the joint, rad and rad/s."""
+        found = self.feedback_range()
+        return found["position"].high - abs(self.offset), found["velocity"].high
+
 
 class ExtendedFrames:
     """Addresses, frames and faults of a drive on extended frames."""
@@ -113,7 +118,7 @@ class ExtendedFrames:
         return frames.stop_reply(self.can_id, rest, echoes=self.spec.generation >= 3)
 
 
-class CubeMarsV3(ExtendedFrames, Joint, Actuator):
+class CubeMarsV3(ExtendedFrames, Reporting, Joint, Actuator):
     """CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
@@ -124,14 +129,6 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     """
 
     unread_settings = ("report rate", "current limit")
-    reports_a_tick: int
-    report_rate, restart_time, check_reports, prepare, feedback_range = (
-        Reporting.report_rate,
-        Reporting.restart_time,
-        Reporting.check_reports,
-        Reporting.prepare,  # pyright: ignore[reportAssignmentType]
-        Reporting.feedback_range,
-    )
     enter = Param(
         False,
         "1",
@@ -140,8 +137,6 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         fixed=True,
         kernel=False,
     )
-    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
-    torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 
     hardware = (*Joint.hardware, "report_rate", "enter")
     find = staticmethod(models_v3.find)
@@ -172,10 +167,6 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
             velocity_code=self.scales[1],
             torque_tolerance=1e-2 * SCALE_TOLERANCE,
         )
-
-    def feedback_ends(self) -> tuple[float, float]:
-        found = self.feedback_range()
-        return found["position"].high - abs(self.offset), found["velocity"].high
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         return super().output_range() | self.feedback_range()

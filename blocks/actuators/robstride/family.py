@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from blocks.actuators.joint import unit_of
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
+from blocks.actuators.ranges import unit_of
 from blocks.actuators.robstride import mit, models, queries, set_up
 from blocks.actuators.robstride.mit import RobStrideMIT
 from blocks.actuators.robstride.private import RobStride

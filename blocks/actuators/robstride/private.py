@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.actuators import deviations
 from blocks.actuators.damping import damped_stop
-from blocks.actuators.joint import Joint, joint_scales
+from blocks.actuators.joint import Joint
+from blocks.actuators.ranges import joint_scales
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.emulator import EmulatedRobStride
 from blocks.actuators.robstride.models import TEMPERATURE
