@@ -104,7 +104,7 @@ def raise_if_interrupted() -> None:
 
 
 def handled() -> None:
-    """Go on after an Interrupted: it is not raised again."""
+    """Continue after an Interrupted, which is not raised again."""
     global _raised
     if _raised is not None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

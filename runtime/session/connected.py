@@ -1,8 +1,8 @@
 """A program's own loop between the ticks of a run, which has a process of its own.
 
 The program reads the newest row of the run's ring, and writes live parameters through the mailbox, so that it can do
-nothing that `set` cannot. The run ends in its safe stop if the loop ends, raises, or does not pass for `loop_timeout`,
-and if the program dies.
+nothing that `set` cannot. The run ends in its safe stop if the loop ends or raises, if one of its passes takes
+longer than `loop_timeout`, and if the program dies.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class ConnectedRobot:
         self._run.explain(error)
 
     def __iter__(self) -> Iterator[int]:
-        """Yield each tick after it was done. The run ends with the loop. Raises RunFault after a fault."""
+        """Yield each tick after it is done. The run ends with the loop. Raises RunFault after a fault."""
         self._check_running()
         try:
             while self._advance():

@@ -1,8 +1,8 @@
 """A run in real time or on a rig for a script or a notebook: the command `run` in a process of its own.
 
 The process has a pseudo terminal, so that it is the command in every respect: guardian, recorder, pre-flight table and
-safe stop. Its lines are printed here. Ctrl-C is passed on, and closing the terminal, as when this process is killed,
-also ends the run with a safe stop.
+safe stop. Its lines are printed here, and Ctrl-C is passed on. The terminal also closes when this process is killed;
+the run then ends with a safe stop.
 """
 
 from __future__ import annotations

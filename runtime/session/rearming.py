@@ -1,4 +1,4 @@
-"""Arming again after a fault: the requests for it, and the events meanwhile.
+"""Arming again after a fault: the requests for it, and the events while the run waits.
 
 The executor waits in its safe stop and calls back. Each event goes into the ring, and the recorder prints it at once.
 """
@@ -51,7 +51,7 @@ class Rearming:
     def publish(self, kind: str, outcome: Outcome) -> None:
         """Publish an event. Called by the executor.
 
-        kind : "fault", "refused" (a request, as the cause persists) or "rearm"
+        kind : "fault", "refused" (a request while the cause persists) or "rearm"
         """
         event = {
             "event": {"fault": "fault", "refused": "rearm refused", "rearm": "armed again"}[kind],

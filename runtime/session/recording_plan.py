@@ -1,4 +1,4 @@
-"""Plan of a recording: the configuration of the recorder process, and the size of the ring to it."""
+"""Plan of a recording: the configuration of the recorder process, and the size of its ring."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class Session:
         return LocalRecorder(self.shared)
 
     def key_reader(self, aside: Collection[int]) -> KeyReader | None:
-        """Begin to read the keys of the terminal. aside : numbers of the processors for other threads"""
+        """Start to read the keys of the terminal. aside : numbers of the processors for other threads"""
         terminal = getattr(self.recorder, "terminal", None)
         return None if terminal is None else KeyReader(self.shared, terminal, aside)
 
@@ -370,7 +370,7 @@ def one_interrupt(shared: SharedState) -> Handler:
 
 @contextmanager
 def undisturbed(before: Handler, lasting: bool) -> Iterator[None]:
-    """Ignore the ending signals: a second one tears neither the stop of the motors nor the end of a recording.
+    """Ignore the ending signals: a second one interrupts neither the stop of the motors nor the end of a recording.
 
     before : the handler of SIGINT that is restored afterwards
     lasting : whether they stay ignored, because one of them has ended the run: the summary is still to be printed

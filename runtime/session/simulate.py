@@ -273,7 +273,7 @@ class SimulatedRun:
         self._events.append({"event": "mark", "number": number, "tick": self._done, "by": "step"})
 
     def __iter__(self) -> Iterator[int]:
-        """Yield each tick after it was done, up to the end of the run, which leaving the loop is. Raises RunFault."""
+        """Yield each tick after it is done. Leaving the loop ends the run. Raises RunFault."""
         try:
             while self._trial is None and (self.ticks < 0 or self._done < self.ticks):
                 self.step()

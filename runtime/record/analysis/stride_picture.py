@@ -1,4 +1,4 @@
-"""Plot of the average stride: angle, torque and power over the gait cycle, one column a leg."""
+"""Plot of the average stride: angle, torque and power over the gait cycle, one column per leg."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals over the gait cycle: begin and end of strides in a recording, and a signal in each."""
+"""Signals over the gait cycle: start and end of strides in a recording, and a signal in each."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 mcap        complete, with an index, in one file
 csv         as the recorder writes it
-parquet     one column a number, in its type, with units as metadata
+parquet     one column per number, in its type, with units as metadata
 mat         MATLAB: a nested struct with units and time
 rrd         Rerun, with a blueprint from the recording
 sto, mot    OpenSim: all signals; joint angles

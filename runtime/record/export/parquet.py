@@ -1,4 +1,4 @@
-"""Parquet export: `time`, `tick` and one column a number, as double, int64 or bool.
+"""Parquet export: `time`, `tick` and one column per number, as double, int64 or bool.
 
 The metadata of columns have the units, that of the file the recording's metadata.
 """

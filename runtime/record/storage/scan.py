@@ -1,6 +1,6 @@
 """Scan of a recording's file, record by record: where its chunks are, whatever is damaged between them.
 
-Chunks are skipped: runtime.record.storage.check checks them. Behind damaged bytes, the scan continues with the next
+Chunks are skipped: runtime.record.storage.check checks them. After damaged bytes, the scan continues with the next
 head of a record.
 """
 

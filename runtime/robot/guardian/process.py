@@ -352,7 +352,7 @@ class Guardian:
         return self.items[item] if item is not None and 0 <= item < len(self.items) else "the tick"
 
     def carry(self) -> None:
-        """Send the frames of the loop; behind the fence only those of the safe stop."""
+        """Send the frames of the loop; once the fence is raised, only those of the safe stop."""
         lines = self.lines
         if lines is None:
             return

@@ -115,7 +115,7 @@ def chunk(rate: float, seconds: float, realtime: str, folder: str, python_blocks
     rate : Hz
     seconds : duration
     realtime : as in `--realtime`
-    folder : of the recording
+    folder : folder of the recording
     python_blocks : number of Python blocks
     """
     made = diagram(rate, python_blocks)

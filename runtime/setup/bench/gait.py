@@ -1,6 +1,6 @@
 """Accuracy of the gait estimators of the library on recorded walking, at changing speed.
 
-The recording is played to the compiled blocks in virtual time. Truth are its contacts: a strike is the first sample
+The recording is played to the compiled blocks in virtual time. The contacts are the truth: a strike is the first sample
 with contact, and the phase rises linearly from one strike to the next, in the recording's own time where it stops.
 """
 

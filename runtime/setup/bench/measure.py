@@ -25,7 +25,7 @@ class Contender(Protocol):
 
 
 class Times:
-    """Duration of a tick, in µs, one number a round."""
+    """Duration of a tick, in µs, one number per round."""
 
     def __init__(self, rounds: Sequence[float]) -> None:
         self.rounds = rounds

@@ -42,7 +42,7 @@ def spread(values: np.ndarray) -> dict[str, float]:
 def lateness(counts: np.ndarray, share: float) -> float:
     """Return the time in s that this share of the ticks does not exceed. Raises BadInput without a tick.
 
-    counts : as of cext.clock.histogram.counts_of
+    counts : as returned by cext.clock.histogram.counts_of
     """
     from cext.clock.histogram import percentile
 

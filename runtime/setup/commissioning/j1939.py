@@ -86,7 +86,7 @@ def measured(identifier: int, extended: bool, data: bytes = b"") -> str | None:
 def broadcasts(frames: Iterable[tuple[int, bool, bytes]], seconds: float) -> dict[int, Node]:
     """Return {address: Node} of the nodes that send measurements unasked.
 
-    frames : received within `seconds`
+    frames : frames received within `seconds`
     """
     nodes = {}
     for frame in frames:
@@ -101,7 +101,7 @@ def learn(nodes: dict[int, Node], frames: Iterable[tuple[int, bool, bytes]]) -> 
     """Add the nodes' replies to requests.
 
     nodes : {address: Node}, which receives a node for each address claim
-    frames : received after the requests
+    frames : frames received after the requests
     """
     for identifier, extended, data in frames:
         pgn, address = parts(identifier, extended) or (None, 0)

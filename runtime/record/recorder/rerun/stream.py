@@ -40,7 +40,7 @@ class Stream:
         self.statics()
 
     def log(self, path: list[str], what: Any, **how: Any) -> None:
-        """Log an archetype of Rerun under an entity path. how : of RecordingStream.log"""
+        """Log an archetype of Rerun under an entity path. how : options of RecordingStream.log"""
         self.recording.log(path, what, **how)
 
     def statics(self) -> None:

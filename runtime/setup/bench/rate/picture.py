@@ -15,7 +15,7 @@ def draw(rows: Sequence[tuple[int, float, float, float]], title: str, file: Bina
 
     rows : (actuators, measured rate, rate at which the bus is full, the same with the worst stuffing), in Hz, None
         where unknown
-    file : open for writing bytes
+    file : binary file, open for writing
     """
     figure = picture.figure(7.6, 5.0)
     axis = figure.subplots()
