@@ -241,7 +241,9 @@ class OwnDrive:
 class Wired(Block):
     """In the plant: drives on the device end of a memory bus.
 
-    drives : OwnDrive; transit : function that returns the ns that the next reply is under way; rate : Hz of the plant
+    drives : OwnDrive; rate : Hz of the plant
+    transit : function that returns the ns that the next reply is under way; there : the same of a frame to them
+    in_order : whether no frame overtakes another on the same way, as on a bus
     lost : function that returns whether the next frame is lost
     merges : whether equal frames that two drives send at once are one on the wire, as their bits are
     burst : ns from one delivery of the adapter to the next; 0: each frame at once. The first is at `burst_from` ns
@@ -250,28 +252,49 @@ class Wired(Block):
     torque = Output("N·m")
 
     def __init__(
-        self, drives, rate, transit=lambda: 0, lost=lambda: False, merges=False, burst=0, burst_from=0, **options
+        self,
+        drives,
+        rate,
+        transit=lambda: 0,
+        lost=lambda: False,
+        merges=False,
+        burst=0,
+        burst_from=0,
+        there=lambda frame: 0,
+        in_order=False,
+        **options,
     ):
         self.merges, self.burst, self.burst_from = merges, burst, burst_from
         self.drives, self.period, self.transit, self.lost = drives, round(1e9 / rate), transit, lost
-        self.queue, self.end = [], None
+        self.there, self.in_order = there, in_order
+        self.queue, self.going, self.end = [], [], None
         super().__init__(**options)
 
     def step(self, tick):
         now = tick * self.period
-        for identifier, extended, data, _ in self.end.receive():
+        self.going += [(self.after(self.going, now + self.there(frame)), frame) for frame in self.end.receive()]
+        for _, (identifier, extended, data, _) in self.arrived(self.going, now):
             answers = [answer for drive in self.drives for answer in drive.hear(identifier, extended, data, now)]
             answers = dict.fromkeys(answers) if self.merges else answers
             self.queue += [(self.delivered(now), frame) for frame in answers]
         for drive in self.drives:
             self.queue += [(self.delivered(now), frame) for frame in drive.advance(now)]
-        for due, frame in [entry for entry in self.queue if entry[0] <= now]:
-            self.queue.remove((due, frame))
+        for _, frame in self.arrived(self.queue, now):
             if not self.lost():
                 self.end.send(frame.identifier, frame.data, frame.extended, now)
         return sum(drive.torque for drive in self.drives)
 
     def delivered(self, now):
         """When a frame that a drive sends now arrives, ns."""
-        due = now + self.transit()
+        due = self.after(self.queue, now + self.transit())
         return due + (self.burst_from - due) % self.burst if self.burst else due
+
+    def after(self, queue, due):
+        """When a frame arrives that would arrive at `due` on a way of its own."""
+        return max([due, *(earlier for earlier, _ in queue)]) if self.in_order else due
+
+    def arrived(self, queue, now):
+        """Take from a queue what has arrived."""
+        arrived = [entry for entry in queue if entry[0] <= now]
+        queue[:] = [entry for entry in queue if entry[0] > now]
+        return arrived

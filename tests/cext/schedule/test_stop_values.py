@@ -105,6 +105,29 @@ def test_a_healthy_drive_with_late_replies_is_confirmed_within_the_limit(name, d
     assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0
 
 
+@pytest.mark.parametrize("rate", [100, 200, 500, 1000])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_healthy_drive_with_random_transits_runs_and_is_confirmed(name, rate):
+    """Of at most 5 ms in each direction, in the order in which the frames were sent."""
+    for seed in range(5):
+        chance = random.Random(seed)
+        ways = {"transit": lambda: chance.randrange(5_000_000), "there": lambda frame: chance.randrange(5_000_000)}
+        drive = own(name)
+        outcome, _ = run(name, [drive], ticks=100, rate=rate, wired=ways | {"in_order": True})
+        assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0, seed
+
+
+@pytest.mark.parametrize("name", ["robstride", "robstride reports"])
+def test_a_disable_that_the_enable_overtakes_ends_the_run(name):
+    """No bus does that. The drive is disabled, as it reports, while the loop commands torque."""
+    family = FAMILIES[name]
+    drive = own(name)
+    late = {"disable": 30_000_000}
+    ways = {"there": lambda frame: late.get(family.kind(*frame[:3], 1), 0)}
+    outcome, _ = run(name, [drive], ticks=100, wired=ways)
+    assert outcome.status == "device fault" and (drive.torque, drive.enabled) == (0.0, False)
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_healthy_drive_with_lost_replies_is_confirmed_within_the_limit(name):
     chance = random.Random(7)
