@@ -57,7 +57,7 @@ cdef class Arming:
     cdef int receive_while_arming(self) noexcept nogil
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
     cdef bint is_stall(self, int64_t point, int64_t due) noexcept nogil
-    cdef void stop_time(self, int64_t point, int64_t due) noexcept nogil
+    cdef int64_t point_after_stall(self, int64_t point, int64_t due) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil
     cdef void keep_signals(self, int64_t tick) noexcept nogil
     cdef void halt(self, double timeout) noexcept nogil

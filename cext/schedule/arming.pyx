@@ -248,15 +248,10 @@ cdef class Arming:
 
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil:
         """Return the next grid point, in real time one in the future. zero : ns from the begin of the run to point 0"""
-        cdef int64_t next = point + 1
-        cdef int64_t due
         if self.virtual:
-            return next
-        due = max(next, self.clock.newest(monotonic() - self.began - zero) + 1)
-        if not self.is_stall(next, due):
-            return due
-        self.stop_time(next, due)
-        return next
+            return point + 1
+        return self.point_after_stall(
+            point + 1, max(point, self.clock.newest(monotonic() - self.began - zero)) + 1)
 
     cdef bint is_stall(self, int64_t point, int64_t due) noexcept nogil:
         """Return whether the host stalls a simulation for so long that emulated devices would time out.
@@ -265,11 +260,14 @@ cdef class Arming:
         """
         return due > point and self.stall > 0 and (due - point + 1) * self.clock.period >= self.stall
 
-    cdef void stop_time(self, int64_t point, int64_t due) noexcept nogil:
-        """Let grid point `point` begin when `due` was to begin: simulated time does not pass during a stall."""
+    cdef int64_t point_after_stall(self, int64_t point, int64_t due) noexcept nogil:
+        """Return `point` after a stall, when it begins in place of `due`, as simulated time stands still; else `due`."""
+        if not self.is_stall(point, due):
+            return due
         self.began += self.clock.grid(due) - self.clock.grid(point)
         if self.layout != NULL:
             store_i64(&self.layout.began, self.began)
+        return point
 
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil:
         """Advance the plant through skipped ticks before this one, until a signal ends the run."""

@@ -305,16 +305,17 @@ cdef class Devices:
 
         Also, while arming, whether its replies arrive in bursts between which it could restart.
         """
-        cdef double period = self.table.arena[PERIOD]
-        cdef double permitted = max(device.restart_time, RESTART_PERIODS * max(period, device.report_period))
-        cdef double silent
+        cdef double period = device.report_period
+        cdef double permitted, silent
         if device.restart_time <= 0.0 or device.zeroing.runs or self.table.waiting:
             return False
+        if self.table.arming or device.transit.answers:
+            period = max(period, self.table.arena[PERIOD])
+        permitted = max(device.restart_time, RESTART_PERIODS * period)
         if self.table.arming:
             # a quarter of a period, so that a lost frame is none
-            return device.enabling and 1e-9 * device.gap > permitted + 0.25 * max(period, device.report_period)
+            return device.enabling and 1e-9 * device.gap > permitted + 0.25 * period
         if not device.transit.answers:
-            permitted = max(device.restart_time, RESTART_PERIODS * device.report_period)
             silent = 1e-9 * max(device.gap, now - device.reply_time) - device.report_period
         elif device.transit.silent_since >= 0:
             # with replies on their way, a silence begins where the next one is missing

@@ -409,11 +409,10 @@ cdef class Executor(Waiting):
         if self.layout != NULL and due > tick:
             store_i64(&self.layout.missed, self.layout.missed + (0 if stalled else chosen - tick))
             self.layout.caught_up += chosen == tick
-        if stalled and chosen > tick and not self.overrun.fault:
-            self.stop_time(tick, chosen)
-            self.stalled += chosen - tick
-            return tick
-        return chosen
+        if self.overrun.fault or not stalled:
+            return chosen
+        self.stalled += chosen - tick
+        return self.point_after_stall(tick, chosen)
 
     cdef void stop(self, double timeout) noexcept nogil:
         """Perform the safe stop at the end of a run."""
