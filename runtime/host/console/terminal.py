@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import shutil
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from runtime.host.errors import BAD_INPUT, OK
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from typing import TextIO
 
 LOST = "has_lost_text"  # attribute of a stream to which a result could not be written
+
+
+PIPE_PART = 4096  # bytes that a pipe accepts at once if it is writable
 
 
 def program() -> str:
@@ -96,13 +101,40 @@ def one_line(text: str, coloured: bool = False) -> str:
     return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
 
 
-def print_over_status(words: str) -> None:
-    """Write one line to standard error, on a terminal in place of the status line that the recorder has drawn.
+class StopMessages:
+    """Lines on standard error of a process that stops actuators. They never delay it.
 
-    words : text with names of devices and interfaces, which may contain any characters
+    A line is dropped if standard error is closed, and waits while a stopped terminal or a full pipe accepts none.
     """
-    erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
-    print(erase + one_line(words), file=sys.stderr, flush=True)
+
+    def __init__(self) -> None:
+        self._waiting = b""
+
+    def write(self, words: str) -> None:
+        """Write one line, on a terminal in place of the status line that the recorder has drawn.
+
+        words : text with names of devices and interfaces, which may contain any characters
+        """
+        with suppress(Exception):  # the code of a diagram may have closed or replaced it
+            erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
+            line = f"{erase}{one_line(words)}\n"
+            self._waiting += line.encode(sys.stderr.encoding or "utf-8", "backslashreplace")
+        self.flush()
+
+    def flush(self) -> None:
+        """Write what is accepted now."""
+        try:
+            while self._waiting and is_writable(sys.stderr.fileno()):
+                self._waiting = self._waiting[os.write(sys.stderr.fileno(), self._waiting[:PIPE_PART]) :]
+        except Exception:
+            self._waiting = b""
+
+
+def is_writable(descriptor: int) -> bool:
+    """Return whether a file accepts PIPE_PART bytes at once, or an error. descriptor : file descriptor"""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
+    return bool(poll.poll(0))
 
 
 def print_lines(lines: Iterable[object]) -> None:

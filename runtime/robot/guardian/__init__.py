@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 from cext.clock.stopwatch import names
 from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.host.child_process import ChildProcess
-from runtime.host.console.terminal import print_over_status
+from runtime.host.console.terminal import StopMessages
 from runtime.host.descriptors import Descriptors, SpareDescriptors
 from runtime.robot.guardian import control_group
 from runtime.robot.guardian.handover import Handover
@@ -262,7 +262,7 @@ class GuardianProcess(ChildProcess):
         )
         for index in interfaces.wires:
             interfaces.listen(index)
-        handover, reported = Handover(plan["locks"], interfaces), False
+        handover, messages, reported = Handover(plan["locks"], interfaces), StopMessages(), False
         while not stop.over:
             now = time.monotonic_ns()
             stop.step(now)
@@ -271,13 +271,14 @@ class GuardianProcess(ChildProcess):
                 interfaces.open_lost(stop, now)
                 if not reported:
                     reported = True
-                    print_over_status(goes_on_in_words(stop.waiting))
+                    messages.write(goes_on_in_words(stop.waiting))
                     leave()
                 elif ended():
                     break
+            messages.flush()
             for descriptor in interfaces.wait(stop.milliseconds(now, GO_ON_PERIOD), stop):
                 for line in handover.handle(descriptor, stop):
-                    print_over_status(line)
+                    messages.write(line)
         handover.close()
         for index in interfaces.wires:
             problems.pop(plan["buses"][index]["name"], None)

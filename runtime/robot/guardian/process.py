@@ -42,7 +42,7 @@ from cext.safety.thresholds import (
     STOP_ORPHANED,
     STOP_ROUND_MAXIMUM,
 )
-from runtime.host.console.terminal import print_over_status
+from runtime.host.console.terminal import StopMessages
 from runtime.host.ending import ignore_signals
 from runtime.host.run_mark import remove_mark
 from runtime.host.system import CAP_IPC_LOCK, capable, maps
@@ -92,6 +92,7 @@ class Guardian:
         self.released = self.dead = self.gone = self.cut_off = self.reported = self.ordered = False
         self.stop = self.verdict = self.owner_death = self.groups = None
         self.in_send = False  # whether the loop was in a send when the fence was raised, and may still be
+        self.messages = StopMessages()
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.carried, self.relays = [], []  # carried: (index of the bus, line)
         self.successors: list[tuple[int | None, Successor]] = []  # (index of a bus that is being taken over, its end)
@@ -193,6 +194,7 @@ class Guardian:
             if self.successors:
                 self._attend(now)
             self.carry()
+            self.messages.flush()
             self.stop_again_if_due(now)
             if self.stop is not None and self.verdict is not None and not self.stop.over:
                 self.stop.step(now)
@@ -238,7 +240,7 @@ class Guardian:
                 self.poll.unregister(descriptor)
             elif descriptor != ORDERS:
                 for line in self.handover.handle(descriptor, self.stop):
-                    print_over_status(f"tickwork guardian: {line}")
+                    self.messages.write(f"tickwork guardian: {line}")
             else:
                 data = os.read(ORDERS, 1 << 20)
                 self.received += data
@@ -379,12 +381,14 @@ class Guardian:
             late = [name for name in verdict["unconfirmed"] if name not in report["unconfirmed"]]
             if late:
                 seconds = (now - stop.began) * 1e-9
-                print_over_status(f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s")
+                self.messages.write(
+                    f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s"
+                )
         verdict |= report
         if not self.reported:
             self.reported = True
             self.shared.show_stop(False)
-            print_over_status(_in_words(verdict))
+            self.messages.write(_in_words(verdict))
         if stop.over and self.ordered:
             self._answer({"stop": verdict})
 
@@ -393,7 +397,7 @@ class Guardian:
         self.stuck_at = None
         if self.shared.state in ("arming", "running") and not self.gone:
             words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
-            print_over_status(words)
+            self.messages.write(words)
 
     def _leave(self):
         if self.verdict is not None and self.gone:
