@@ -69,8 +69,8 @@ with Diagram("robot", rate=200) as robot:
     kinds = {"slow": Slow, "ignoring": Ignoring, "blocking": Blocking, "forking": Forking}
     kind = kinds.get((sys.argv[3:] or [None])[0])
     knee(torque_command=kind()(knee.torque) if kind else 5.0)
-rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), shared=SharedState(fd=int(sys.argv[1])), virtual=False,
-          spin=1.0 if "spin" in sys.argv else 0.0)
+rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), shared=SharedState(fd=int(sys.argv[1])),
+          virtual=False, spin=1.0 if "spin" in sys.argv else 0.0)
 outcome = rig.run(int(sys.argv[2]), arming_timeout=20.0)
 during = list(heard)
 restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
