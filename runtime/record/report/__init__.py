@@ -1,1 +1,1 @@
-"""Text of results, faults, checks and progress for the command line: data in, lines out."""
+"""Text of results, faults, timing and the pre-flight table for the command line: data in, lines out."""
