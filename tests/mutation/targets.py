@@ -25,6 +25,9 @@ STOPS = tuple(
         "safety/test_damping",
         "schedule/test_arming_again",
         "schedule/test_devices",
+        "schedule/test_fence",
+        "schedule/test_taken_out",
+        "schedule/test_mailbox",
     )
 )
 DEVICES = (
@@ -32,6 +35,7 @@ DEVICES = (
     "tests/cext/clock/test_stopwatch.py",
     "tests/cext/clock/test_overrun.py",
     "tests/cext/schedule/test_latency.py",
+    "tests/cext/schedule/test_zeroing.py",
     "tests/cext/bus/test_memory_bus.py",
     "tests/cext/bus/test_timed_bus.py",
     "tests/blocks/actuators/test_cubemars_extended_life.py",

@@ -28,8 +28,10 @@ class Relay:
 
     def __init__(self, relay: PlanRelay, changed: int) -> None:
         self.descriptor = relay["descriptor"]
-        # a line of `emulate` is a socket, which accepts bytes
-        self.gpio = relay["gpio"] and not stat.S_ISSOCK(os.fstat(self.descriptor).st_mode)
+        self.gpio = relay["gpio"]
+        with suppress(OSError):  # the code of a diagram has closed it
+            # a line of `emulate` is a socket, which accepts bytes
+            self.gpio = self.gpio and not stat.S_ISSOCK(os.fstat(self.descriptor).st_mode)
         self.frames, self.hold = [bytes.fromhex(frame) for frame in relay["frames"]], round(relay["hold"] * 1e9)
         self.changed, self.sent = changed, 0
 

@@ -120,9 +120,14 @@ class PythonCanWire(Wire):
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
         except Exception as error:  # interfaces raise any exception
             raise CannotOpen(str(error) or type(error).__name__) from error
-        if interface == "udp_multicast":
-            keep_apart(self.bus.fileno())
-        self.receiver = Stamped(self.bus) if interface in NEVER_WAITS else ReceiverThread(self.bus)
+        try:
+            if interface == "udp_multicast":
+                keep_apart(self.bus.fileno())
+            self.receiver = Stamped(self.bus) if interface in NEVER_WAITS else ReceiverThread(self.bus)
+        except (OSError, RuntimeError) as error:  # no free descriptor, or no further thread
+            with suppress(Exception):
+                self.bus.shutdown()
+            raise CannotOpen(str(error)) from error
         self.polled = self.fileno() is None
         self.fd = fd
         self.echoes = {}  # (id, data): times of sending with an outstanding echo
@@ -307,11 +312,11 @@ class SocketCanWire(Wire):
 
     def listen(self, replies: Sequence[EncodedReply]) -> None:
         """Receive replies from here on. replies : (id, mask, first bytes) of frames to receive"""
-        self.socket.setsockopt(
-            socket.SOL_CAN_RAW,
-            self.FILTER,
-            b"".join(struct.pack("=II", identifier, mask & ~ERROR) for identifier, mask, _ in replies),
-        )
+        filters = b"".join(struct.pack("=II", identifier, mask & ~ERROR) for identifier, mask, _ in replies)
+        try:
+            self.socket.setsockopt(socket.SOL_CAN_RAW, self.FILTER, filters)
+        except OSError as error:  # the adapter is being unplugged
+            self.fail(error.errno, error.strerror)
 
     def receive(self) -> list[tuple[int, bytes, int]]:
         frames = []

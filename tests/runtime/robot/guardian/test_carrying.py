@@ -128,11 +128,17 @@ def test_frames_queued_when_the_guardian_stops_the_motors_are_never_sent(robot, 
     assert [Line(robot.lines, number).counts["withheld"] for number in range(2)] == [4, 4]
 
 
-def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
-    fenced = []
-    robot.wires[0].then = lambda data: fenced.append(robot.shared.fenced)
+def test_the_fence_is_up_and_the_stop_is_shown_before_its_first_frame():
+    class Shown(SharedState):
+        stops = False
+
+        def show_stop(self, stops):
+            self.stops = stops
+
+    robot, fenced = Carrying(Shown(1 << 12)), []
+    robot.wires[0].then = lambda data: fenced.append((robot.shared.fenced, robot.shared.stops))
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
-    assert fenced == [True, True]
+    assert fenced == [(True, True)] * 2
 
 
 def test_stop_repeats_until_both_drives_acknowledge_it(robot):

@@ -188,3 +188,13 @@ def test_lost_relay_line_raises_no_exception(monkeypatch):
     relay.change()
     with pytest.raises(OSError):
         os.read(out, 1)
+
+
+@pytest.mark.parametrize("gpio", [False, True])
+def test_a_line_that_a_block_has_closed_prevents_no_stop(gpio):
+    closed, other = os.pipe()
+    os.close(closed)
+    os.close(other)
+    relay = Relay({"descriptor": other, "gpio": gpio, "frames": ["01", "00"], "hold": 0.1}, time.monotonic_ns())
+    relay.change()
+    assert relay.sent == 0

@@ -201,6 +201,17 @@ def test_after_that_frames_go_on_at_a_falling_rate():
     assert gaps[40:46] == [0.01, 0.02, 0.04, 0.08, 0.16, 0.2] and set(gaps[46:]) == {0.2}
 
 
+def test_the_time_to_the_next_frame_ends_with_the_stop(legs):
+    stop, _ = legs
+    assert stop.milliseconds(0, 10**9) == 0
+    stop.step(0)
+    assert stop.milliseconds(1, 10**9) == stop.milliseconds(0, 10**9) == STOP_ROUND / 1e6
+    assert stop.milliseconds(1, 2_000_000) == 2
+    assert stop.milliseconds(STOP_ROUND + 1, 10**9) == 0
+    stop.step(STOP_LIMIT - 1_000_000)
+    assert stop.milliseconds(STOP_LIMIT - 1_000_000, 10**9) == 1
+
+
 @pytest.mark.parametrize("away", [0.15, 1.0, 5.0])
 def test_a_drive_whose_bus_returns_late_is_stopped_and_confirmed(away):
     wire = Log(working=False)

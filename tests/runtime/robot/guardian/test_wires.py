@@ -4,6 +4,7 @@ import errno
 import itertools
 import math
 import os
+import resource
 import select
 import socket
 import time
@@ -163,6 +164,28 @@ def test_frames_received_before_filtering_are_discarded(channel):
 def test_interface_that_python_can_cannot_open_reports_reason():
     with pytest.raises(CannotOpen, match="could not create or configure socket"):
         PythonCanWire("udp_multicast", "192.0.2.1", 1_000_000, False)
+
+
+def test_an_interface_for_which_descriptors_lack_cannot_be_opened_and_leaves_none_open(channel):
+    """A stop that opens a lost interface again goes on then."""
+    wire = PythonCanWire("udp_multicast", channel, 1_000_000, False)
+    wire.close()
+    free, limits, opened = os.dup(0), resource.getrlimit(resource.RLIMIT_NOFILE), []
+    os.close(free)
+    for descriptors in range(4):
+        before = os.listdir("/proc/self/fd")
+        resource.setrlimit(resource.RLIMIT_NOFILE, (free + descriptors, limits[1]))
+        try:
+            wire = PythonCanWire("udp_multicast", channel, 1_000_000, False)
+        except CannotOpen:
+            opened.append(False)
+        else:
+            opened.append(True)
+            wire.close()
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        assert os.listdir("/proc/self/fd") == before
+    assert opened == sorted(opened) and not opened[1] and opened[-1]
 
 
 def test_an_interface_without_a_descriptor_is_polled(channel):
