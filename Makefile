@@ -32,7 +32,7 @@ ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
 
-RUN_IMPORTS := runtime.cli.run, runtime.record.recorder.process, runtime.record.recorder.writer, runtime.robot.guardian.process, runtime.robot.rig.file, runtime.session.session
+RUN_IMPORTS := blocks.families, google.protobuf.descriptor_pb2, graph.order, runtime.cli.run, runtime.record.recorder.process, runtime.record.recorder.writer, mcap.writer, runtime.robot.guardian.process, runtime.robot.rig.buses, runtime.session.session
 
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 STUBBED := $(shell find blocks graph cext/stubs.py -name '*.py')

@@ -96,7 +96,7 @@ def parts(text: str) -> tuple[str, ...]:
 def measured(options: Namespace) -> tuple[Device, Readings]:
     """Measure on the rig or in simulation. Returns (sensor, Readings)."""
     from runtime.robot.loading.file import load
-    from runtime.robot.rig import read
+    from runtime.robot.rig.file import read
     from runtime.setup.commissioning.calibration.measuring import OnRig, sensor_of, simulated
 
     rig = read(options.rig) if options.rig is not None else None

@@ -15,8 +15,7 @@ from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.robot.loading.file import compiled, load
-from runtime.robot.rig import read
-from runtime.robot.rig.file import parse
+from runtime.robot.rig.file import parse, read
 from runtime.robot.rig.overrides import override
 from runtime.setup.commissioning import rig_edit
 from runtime.setup.commissioning.bus import opened, plain, single_bus

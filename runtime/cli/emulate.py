@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.robot.emulation.serving import Service
     from runtime.robot.loading.file import load
     from runtime.robot.loading.simulation import plant_of
-    from runtime.robot.rig import read
+    from runtime.robot.rig.file import read
 
     if options.lines is not None:
         try:

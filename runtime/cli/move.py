@@ -16,7 +16,7 @@ from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
 from runtime.host.options import TIME_LIMIT, number
 from runtime.record.report import summary
-from runtime.robot.rig import RigError
+from runtime.robot.rig.errors import RigError
 from runtime.session.request import Request
 from runtime.setup.commissioning import move
 from runtime.setup.commissioning.bus import entry, single_bus

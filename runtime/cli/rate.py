@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parse(arguments)
     rig = None
     if options.rig is not None:
-        from runtime.robot.rig import read
+        from runtime.robot.rig.file import read
 
         rig = read(options.rig)
         if len(rig.buses) != 1:

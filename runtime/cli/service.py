@@ -6,7 +6,10 @@ from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import OK, BadInput
 from runtime.robot.loading.file import compiled, load
-from runtime.robot.rig import read, require_acceptance, require_ranges, require_supply
+from runtime.robot.rig.acceptance import require_acceptance
+from runtime.robot.rig.battery import require_supply
+from runtime.robot.rig.file import read
+from runtime.robot.rig.joints import require_ranges
 from runtime.robot.rig.poses import Poses
 from runtime.session.prepare import adapt, arming_slot
 from runtime.session.request import Request

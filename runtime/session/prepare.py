@@ -15,13 +15,17 @@ from runtime.record.recorder import can_ask
 from runtime.robot.loading.file import compiled, load
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.simulation import Simulation
-from runtime.robot.rig import RigBuses, read, require_acceptance, require_ranges, require_supply
+from runtime.robot.rig.acceptance import require_acceptance
+from runtime.robot.rig.battery import require_supply
+from runtime.robot.rig.file import read
+from runtime.robot.rig.joints import require_ranges
 from runtime.robot.rig.poses import Poses
 from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
     from cext.schedule.program import Program
+    from runtime.robot.rig.buses import RigBuses
 
 NO_CONFIRMATION = (
     "on a rig the operator confirms the pre-flight table with Enter, but standard input, output and error are not a "
@@ -89,6 +93,8 @@ def prepare(request: Request) -> Prepared:
         if not request.yes and request.arm_on is None and not can_ask():
             raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
         poses = Poses(diagram, schedule, request.poses)
+        from runtime.robot.rig.buses import RigBuses  # a simulation starts without the interfaces
+
         return Prepared(
             request,
             diagram,

@@ -8,7 +8,7 @@ import re
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from graph import Diagram, Schedule
     from graph.schedule import SinkColumns
     from runtime.host.machine.realtime import Realtime
+    from runtime.record.recorder.plan_types import Plan, PlanSink
     from runtime.session.prepare import Prepared
     from runtime.session.request import Request
 
@@ -66,12 +67,12 @@ def needs_process(prepared: Prepared) -> bool:
     )
 
 
-def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
+def plan(prepared: Prepared, realtime: Realtime) -> Plan:
     """Return the plan of the recorder, as plain data that JSON can hold."""
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
     records = records_files(prepared)
     labels = {f"{block.path}.state": block.names for block in prepared.diagram if isinstance(block, StateMachine)}
-    sinks = [
+    sinks: list[PlanSink] = [
         {
             "service": sink.block.service,
             "path": sink.block.path,

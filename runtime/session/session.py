@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
     from cext.schedule.outcome import Outcome
     from runtime.record.recorder.local import LocalRecorder
-    from runtime.robot.rig import RigBuses
+    from runtime.record.recorder.plan_types import Plan
+    from runtime.robot.rig.buses import RigBuses
     from runtime.session.prepare import Prepared
 
     Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None  # as returned by signal.getsignal
@@ -115,7 +116,7 @@ class Session:
         terminal = getattr(self.recorder, "terminal", None)
         return None if terminal is None else KeyReader(self.shared, terminal, aside)
 
-    def plan(self) -> dict[str, Any]:
+    def plan(self) -> Plan:
         """Return the plan of the recorder."""
         return plan(self.prepared, self.realtime)
 

@@ -14,7 +14,7 @@ from runtime.host.live.running import shared_state_of
 from runtime.host.system import end_with_parent
 from runtime.setup.bench.measure import Times
 
-IMPORTS = "numpy, can"
+IMPORTS = "numpy, can, networkx"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
 TIMEOUT = 60.0  # s
 T = TypeVar("T")

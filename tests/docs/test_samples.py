@@ -15,7 +15,7 @@ from contextlib import nullcontext
 import pytest
 
 from graph import Diagram
-from runtime.robot.rig import read
+from runtime.robot.rig.file import read
 from tests.checkout import ROOT
 from tests.docs.block_pages import homes
 from tests.docs.pages import NAMES

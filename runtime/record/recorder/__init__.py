@@ -6,25 +6,7 @@
     shared.close()
     report = recorder.finish()
 
-The plan is a dict that JSON can carry:
-
-    name, stem      of the diagram; of the files
-    folder          of the recording, or None to write no files
-    rate, duration  Hz; s or None
-    virtual         whether time is virtual: the files of two equal runs are then byte-identical
-    compression     of the .mcap file: "zstd" (default), "zstd:LEVEL" or "none"
-    can_log         whether a CAN log is written (default: false)
-    simulated       whether the devices are simulated by a plant
-    signals, buses  the columns of a row (index, path, dtype, unit); the names of the buses
-    diagram_json    the diagram as JSON text, or None
-    control_pid     process id of the control process
-    items           names of the stopwatch items, as in cext.clock.stopwatch.names
-    sinks           of each sink: service (see runtime.record.recorder.plugins), path, parameters, columns (index, path,
-                    dtype, unit)
-    status_line     whether the terminal shows a status line
-    keys            whether the keys of the terminal are carried out
-    limits          {path: (lowest, highest)} of the recorded signals with known limits
-    metadata        further content of the sidecar file
+runtime.record.recorder.plan_types has the keys of the plan.
 
 SharedState(fd) -> rows, frames and events -> runtime.record.recorder.writer -> runtime.record.recorder.part -> services
 (runtime.record.recorder.service) and files.
@@ -48,6 +30,7 @@ from runtime.record.storage.ascii_units import ascii_name
 
 if TYPE_CHECKING:
     from cext.memory.shared_state import SharedState
+    from runtime.record.recorder.plan_types import Plan
 
 READY_TIMEOUT = 30.0  # s, for a slow disk
 ABANDON_TIMEOUT = 0.03  # s for the recorder to remove its files and end; it does so alone after that
@@ -86,7 +69,7 @@ class RecorderProcess(ChildProcess):
         self.files: list[dict[str, str]] = []
         self._over = self._planned = False
 
-    def configure(self, plan: dict[str, Any]) -> None:
+    def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every file is open.
 
         Raises RecorderError if a file cannot be opened; the files opened before are then removed.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from runtime.record.recorder.report import ending
 from runtime.record.recorder.services.strides import StrideAverage
 from runtime.record.recorder.status import StatusLine
 from runtime.record.storage.changes import Changes
+
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan
 
 
 class LocalRecorder:
@@ -38,7 +41,7 @@ class LocalRecorder:
         self.changes = Changes(table.read(shared).parameters)
         self.events, self.end = [], None
 
-    def configure(self, plan: dict[str, Any]) -> None:
+    def configure(self, plan: Plan) -> None:
         """Begin. plan : as runtime.record.recorder describes it, without files, and without sinks but "strides"."""
         self.plan = plan
         self.columns = len(plan["signals"])

@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT
 from cext.recording.ring_batch import Batch
@@ -24,6 +24,10 @@ from runtime.record.storage import files, provenance
 from runtime.record.storage.changes import Changes
 from runtime.record.storage.format import row_struct
 from runtime.record.storage.repair import Backlog
+
+if TYPE_CHECKING:
+    from cext.memory.shared_state import SharedState
+    from runtime.record.recorder.plan_types import Plan, PlanBefore, PlanSink
 
 SIDECAR_EVENT_LIMIT = 100_000
 
@@ -41,10 +45,10 @@ class Recording:
     say : function that prints a line on the terminal
     """
 
-    def __init__(self, plan, shared):
+    def __init__(self, plan: Plan, shared: SharedState) -> None:
         self.plan, self.shared = plan, shared
         self.part = plan.get("part", 1)
-        before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # earlier parts, whose writers have died
+        before: PlanBefore | None = plan.get("before")
         self.row = row_struct(len(plan["signals"]))
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
@@ -57,14 +61,14 @@ class Recording:
         self.about = {}
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
-        self.sinks, self.problems = {}, [*before["problems"]]
+        self.sinks, self.problems = {}, [*before["problems"]] if before else []
         self.say: Callable[[str], bool | None] = lambda line: None
         self.console = Console()
         self.question, self.shown_at = 0, 0  # newest question to the operator that was shown; ns of CLOCK_MONOTONIC
         self.unshown = None  # event with a question that the terminal has not taken
-        self.before = before["files"]  # {path: remark}
-        self.backlog = Backlog(before["logs"])  # their incomplete flight logs
-        if "lost" in before:
+        self.before = before["files"] if before else {}  # {path: remark}
+        self.backlog = Backlog(before["logs"] if before else [])  # the incomplete flight logs of earlier parts
+        if before:
             self.events.append({"event": "recorder", "part": self.part, "dropped": before["lost"]})
 
     def open(self) -> None:
@@ -72,7 +76,7 @@ class Recording:
         problem = f"cannot record into {self.plan['folder']!r}"
         try:
             if self.plan["folder"] is not None:
-                self.open_folder()
+                self.open_folder(self.plan["folder"])
             for sink in self.plan["sinks"]:
                 problem = f"{sink['path']} cannot start"
                 try:
@@ -86,12 +90,12 @@ class Recording:
                 kind = SERVICES.load(name)
                 if kind.applies(self.plan):
                     problem = f"the {kind.title} cannot start"
-                    self.start(kind, {"path": kind.title, "columns": [], "parameters": {}})
+                    self.start(kind, {"service": name, "path": kind.title, "columns": [], "parameters": {}})
         except Exception as error:  # a service can be of any package
             self.discard()
             raise RecordingFailed(f"{problem}: {reason(error)}") from error
 
-    def start(self, kind: type[Service], sink: dict[str, Any]) -> None:
+    def start(self, kind: type[Service], sink: PlanSink) -> None:
         """Create and open a service."""
         service = kind(self.plan, sink)
         service.say, service.shared = self.say_later, self.shared
@@ -110,9 +114,8 @@ class Recording:
         """Call `say`, which is set after the files are open."""
         self.say(line)
 
-    def open_folder(self) -> None:
+    def open_folder(self, folder: str) -> None:
         """Create the folder, and the sidecar, which reserves the stem of the file names."""
-        folder = self.plan["folder"]
         self.folders = files.make_folder(folder)
         self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
         self.files[self.sidecar] = "description and report of the run"

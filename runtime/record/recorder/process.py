@@ -19,7 +19,7 @@ import signal
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cext.clock import realtime
 from cext.memory.shared_state import SharedState
@@ -34,6 +34,9 @@ from runtime.record.recorder.part import RecordingFailed
 from runtime.record.recorder.report import PARTIAL, write_json
 from runtime.record.recorder.writer import answer, name_process, write
 from runtime.record.storage.files import STOPPED_EARLY
+
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan, PlanBefore
 
 ORDERS_DESCRIPTOR = 0  # standard input
 RESTART_LIMIT = 3
@@ -73,7 +76,7 @@ class Control:
         if self.hung_up and not self.gone:  # a hang-up alone: end of the run, or a block has closed descriptors
             self.gone = not maps(self.shared.control, self.shared.fd)
 
-    def plan(self) -> dict[str, Any] | None:
+    def plan(self) -> Plan | None:
         """Return the plan, which is the first order; None if the run ends before it."""
         while b"\n" not in self.received and not self.gone:
             self.look()
@@ -105,14 +108,12 @@ def main(answers: int, control: int, shared: int, keys: int, companion: int) -> 
         end_marked(mark)
 
 
-def record_parts(
-    shared: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: dict[str, Any]
-) -> None:
+def record_parts(shared: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: Plan) -> None:
     """Record the parts of a recording, and answer if it stops before the end of the run."""
     checkpoint, causes, part = Checkpoint(shared), [], plan.get("part", 1)
     attributes = terminal_attributes(keys) if keys >= 0 else None
     while True:
-        current = {**plan, "part": part}
+        current: Plan = {**plan, "part": part}
         cause, unfit = death_of_writer(lambda: write(shared, answers, orders, companion, current, checkpoint), shared)
         # the control process was killed and has not restored the terminal; its pidfd may not show it yet
         if attributes is not None and not maps(shared.control, shared.fd):
@@ -126,6 +127,7 @@ def record_parts(
         plan, part, problem = successor(plan, part, state, cause, again, shared)
         Terminal().say(f"tickwork recorder: {problem}")
         if not again:
+            assert "before" in plan
             answer(answers, lost_report(plan["before"]))
             return
 
@@ -170,8 +172,8 @@ def ended(pidfd: int) -> bool:
 
 
 def successor(
-    plan: dict[str, Any], part: int, state: dict[str, Any], cause: str, again: bool, shared: SharedState
-) -> tuple[dict[str, Any], int, str]:
+    plan: Plan, part: int, state: dict[str, Any], cause: str, again: bool, shared: SharedState
+) -> tuple[Plan, int, str]:
     """Return (plan of the next part, its number, the problem in one line).
 
     state : newest checkpoint of the part whose writer died
@@ -191,7 +193,7 @@ def successor(
             state["sidecar"],
             {**sidecar, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again},
         )
-    before = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"]})
+    before: PlanBefore = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"], "lost": 0})
     before = {
         "files": before["files"] | {path: remark or f"part {part}" for path, remark in state["files"].items()},
         "logs": [*before["logs"], *filter(None, [state["log"]])],
@@ -202,7 +204,7 @@ def successor(
     return {**plan, "before": before, "stem": f"{before['stem']}_part{part + 1}"}, part + 1, problem
 
 
-def lost_report(before: dict[str, Any]) -> dict[str, Any]:
+def lost_report(before: PlanBefore) -> dict[str, Any]:
     """Return the report of a recording that has stopped before the end of the run."""
     files = [{"path": path, "note": remark} for path, remark in before["files"].items()]
     return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": STOPPED_EARLY}

@@ -11,6 +11,7 @@ and its Sink has `service = "lsl"`. A module on the path needs no entry point: `
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from functools import cached_property
@@ -20,6 +21,7 @@ from runtime.record.storage.format import row_struct
 
 if TYPE_CHECKING:
     from cext.memory.shared_state import SharedState
+    from runtime.record.recorder.plan_types import Plan, PlanSink
 
 
 class Service:
@@ -41,7 +43,7 @@ class Service:
     elsewhere = False  # whether another process writes its files
     time = 0.0  # s, of the newest row that `row` has taken
 
-    def __init__(self, plan: dict[str, Any], sink: dict[str, Any]) -> None:
+    def __init__(self, plan: Plan, sink: PlanSink) -> None:
         self.plan, self.sink = plan, sink
         self.files: dict[str, str] = {}
         self.say: Callable[[str], None] = lambda line: None
@@ -53,12 +55,17 @@ class Service:
         return None
 
     @property
+    def stem(self) -> str:
+        """Path of the files of the recording, without a suffix."""
+        return os.path.join(self.plan["folder"] or "", self.plan["stem"])
+
+    @property
     def durable(self) -> bool:
         """Whether `close` waits for the disk. A run in virtual time can be repeated instead."""
         return not self.plan["virtual"]
 
     @classmethod
-    def applies(cls, plan: dict[str, Any]) -> bool:
+    def applies(cls, plan: Plan) -> bool:
         """Return whether a recording with this plan needs the service. Called for logs, which no Sink names."""
         return True
 
@@ -144,7 +151,7 @@ class Service:
         return {}
 
     @classmethod
-    def conclude(cls, plan: dict[str, Any], services: list[Any]) -> dict[str, Any]:
+    def conclude(cls, plan: Plan, services: list[Any]) -> dict[str, Any]:
         """Summarize all closed services of this class. Returns a dict for the report; its "files" as above.
 
         plan : as above, with "stopped": whether a signal has ended the run, which must then end within 100 ms

@@ -14,9 +14,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from runtime.host.console.status_layout import bar, fit, part
+
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan
 
 REFRESH_PERIOD = 0.1  # s
 RATE_WINDOW = 10  # refreshes
@@ -39,7 +42,7 @@ STATES = {
 class StatusLine:
     """The status line of one run."""
 
-    def __init__(self, terminal, plan, shared, panel=None, recording=None):
+    def __init__(self, terminal, plan: Plan, shared, panel=None, recording=None):
         self.terminal, self.plan, self.shared, self.panel, self.recording = terminal, plan, shared, panel, recording
         self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
@@ -86,7 +89,7 @@ class StatusLine:
         self.terminal.erase()
 
 
-def torques_of(plan: dict[str, Any]) -> list[tuple[str, int, float]]:
+def torques_of(plan: Plan) -> list[tuple[str, int, float]]:
     """Return [(name of the actuator, index in the recorded row, limit)] of the actuators with known limits."""
     limits = {path: max(map(abs, ends)) for path, ends in plan.get("limits", {}).items() if path.endswith(".torque")}
     return [
@@ -129,7 +132,7 @@ def rates(history: Sequence[tuple[float, ...]]) -> tuple[float, ...] | None:
 
 
 def describe(
-    plan: dict[str, Any],
+    plan: Plan,
     state: str,
     statistics: dict[str, Any],
     speeds: tuple[float, ...] | None,
@@ -179,7 +182,7 @@ def describe(
     ]
 
 
-def traffic(plan: dict[str, Any], pace: float, frames: float, each: Sequence[float]) -> list[Any]:
+def traffic(plan: Plan, pace: float, frames: float, each: Sequence[float]) -> list[Any]:
     """Return the parts of the buses. pace : s of the run per second; each : frames/s of every bus, then bits/s"""
     parts = []
     for place, (name, speed) in enumerate(zip(plan["buses"], each)):

@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cext.memory.shared_state import SharedState
 from cext.recording.ring_batch import read
@@ -26,6 +26,9 @@ from runtime.record.recorder.panel import Panel
 from runtime.record.recorder.part import Recording, RecordingFailed
 from runtime.record.recorder.status import StatusLine
 
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan
+
 POLL_PERIOD = 20  # ms, of the ring in real time
 POLL_PERIOD_VIRTUAL = 1  # ms; a loop in virtual time waits for the writer
 FLUSH_PERIOD = 0.5  # s
@@ -37,9 +40,7 @@ UNLIMITED = 1 << 62
 FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
 
 
-def write(
-    shared: SharedState, answers: int, control: Any, companion: int, plan: dict[str, Any], checkpoint: Checkpoint
-) -> None:
+def write(shared: SharedState, answers: int, control: Any, companion: int, plan: Plan, checkpoint: Checkpoint) -> None:
     """Record one part, from opening its files to its report.
 
     Raises RecordingFailed if the files of a later part cannot be created; part 1 reports that to the control process.

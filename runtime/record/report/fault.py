@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cext.schedule.program import Program
     from graph import Block, Diagram, Schedule
     from runtime.record.report.run_result import RunResult
-    from runtime.robot.rig import RigBuses
+    from runtime.robot.rig.buses import RigBuses
 
 
 CALL_LIMIT = 20  # lines of the calls of an exception

@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ PACKAGES = ("tickwork", "numpy", "networkx", "python-can", "onnxruntime", "onnxr
 GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 
-def gather(plan: dict[str, Any]) -> dict[str, Any]:
+def gather(plan: Mapping[str, Any]) -> dict[str, Any]:
     """Return the provenance of a run for JSON; None for what cannot be had. plan : plan of the recorder"""
     metadata = plan.get("metadata", {})
     return {
@@ -29,7 +29,7 @@ def gather(plan: dict[str, Any]) -> dict[str, Any]:
         "part": plan.get("part", 1),
         "limits": plan.get("limits", {}),
         "metadata": metadata,
-        "hash": json.loads(plan["diagram_json"])["hash"] if plan.get("diagram_json") else None,
+        "hash": json.loads(diagram)["hash"] if (diagram := plan.get("diagram_json")) else None,
         "versions": optional(versions),
         "repository": optional(repository, metadata.get("diagram_file")),
         "machine": optional(machine),

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from graph import Schedule
     from runtime.robot.loading.overrides import Replaced, Settings
-    from runtime.robot.rig import RigFile
+    from runtime.robot.rig.file import RigFile
 
 T = TypeVar("T")
 PACKAGES = tuple(

@@ -23,7 +23,9 @@ from runtime.record.report.preflight.table import stop_of
 from runtime.robot.loading.file import blamed, load
 from runtime.robot.loading.recorded_signals import select_recorded
 from runtime.robot.loading.simulation import Simulation
-from runtime.robot.rig import read, require_ranges, require_supply
+from runtime.robot.rig.battery import require_supply
+from runtime.robot.rig.file import read
+from runtime.robot.rig.joints import require_ranges
 from runtime.robot.rig.poses import Poses
 from runtime.session.check import battery
 

@@ -9,8 +9,8 @@ import runtime
 from blocks.actuators import CubeMars
 from graph import Actuator, Diagram, Input
 from runtime.host.console.styles import Console
-from runtime.robot.rig import RigError
 from runtime.robot.rig.battery import Battery, supply_current, windings
+from runtime.robot.rig.errors import RigError
 from runtime.session.check.battery import SETTLING_TIME, SIMULATED_TIME, battery_lines, budget, duration
 from runtime.session.check.report import check
 from runtime.session.check.text import text

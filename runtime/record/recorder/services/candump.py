@@ -6,17 +6,21 @@ The time is the wall clock; in virtual time it begins at 0. R: received; T: sent
 the order in which the control process handled them.
 """
 
-import os
-from typing import Any, TextIO, cast
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from runtime.record.recorder.service import Service
 from runtime.record.storage.files import WholeFile, create
 from runtime.record.storage.format import BUS_BYTE, Frame
 
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan
+
 FLUSH_FRAMES = 1000
 
 
-def on_can(plan: dict[str, Any]) -> list[bool]:
+def on_can(plan: Plan) -> list[bool]:
     """Return for each bus whether it is CAN."""
     return [medium == "can" for medium in plan.get("media", ["can"] * len(plan["buses"]))]
 
@@ -27,13 +31,12 @@ class CanLog(Service):
     title = "CAN log"
 
     @classmethod
-    def applies(cls, plan: dict[str, Any]) -> bool:
+    def applies(cls, plan: Plan) -> bool:
         return plan.get("can_log", False) and any(on_can(plan))
 
     def open(self) -> None:
         self.on_can = on_can(self.plan)
-        stem = os.path.join(self.plan["folder"], self.plan["stem"])
-        self.file = WholeFile(*create(stem, ".can.log"), self.durable)
+        self.file = WholeFile(*create(self.stem, ".can.log"), self.durable)
         self.files[self.file.path] = ""
         self.frames = 0
         self.began = None

@@ -15,7 +15,6 @@ and `end.json` follows the last.
 """
 
 import json
-import os
 from typing import Any
 
 from cext.recording.mcap_encoder import Encoder
@@ -45,8 +44,7 @@ class FlightLog(Service):
         return self.file.path
 
     def open(self) -> None:
-        stem = os.path.join(self.plan["folder"], self.plan["stem"])
-        self.file = WholeFile(*create(stem, ".mcap"), self.durable)
+        self.file = WholeFile(*create(self.stem, ".mcap"), self.durable)
         claim(self.file.descriptor)
         self.files[self.file.path] = ""
         self.writer: Any = None
@@ -57,8 +55,8 @@ class FlightLog(Service):
         """Import the writer and write the attachments and channels. about : dict"""
         self.writer = writer = McapFile(self.file, self.plan.get("compression", ZSTD))
         writer.begin(LIBRARY)
-        if self.plan.get("diagram_json"):
-            writer.attach("diagram.json", JSON_MEDIA_TYPE, self.plan["diagram_json"].encode())
+        if diagram := self.plan.get("diagram_json"):
+            writer.attach("diagram.json", JSON_MEDIA_TYPE, diagram.encode())
         writer.attach(
             "about.json",
             JSON_MEDIA_TYPE,

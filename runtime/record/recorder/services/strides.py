@@ -3,8 +3,10 @@
 Each part of a recording has its own average; `plot --strides` reads all parts.
 """
 
+from __future__ import annotations
+
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from runtime.host.replaced_file import replaced
 from runtime.record.analysis.average_stride import INPUTS, AverageStride
 from runtime.record.recorder.service import Service
 from runtime.record.storage.files import create
+
+if TYPE_CHECKING:
+    from runtime.record.recorder.plan_types import Plan
 
 BLOCK_ROWS = 1024
 
@@ -50,7 +55,7 @@ class StrideAverage(Service):
         )
 
     @classmethod
-    def conclude(cls, plan: dict[str, Any], services: list[Any]) -> dict[str, Any]:
+    def conclude(cls, plan: Plan, services: list[Any]) -> dict[str, Any]:
         """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W.
 
         Drawing takes a second or more. A run that a signal has ended therefore has no picture; `plot --strides` draws
@@ -58,7 +63,7 @@ class StrideAverage(Service):
         """
         results = [service.result for service in services]
         walked = [result for result in results if result["strides"]]
-        if not walked or plan["folder"] is None or plan["stopped"]:
+        if not walked or plan["folder"] is None or plan.get("stopped"):
             return {"strides": results}
         from runtime.record.analysis.stride_picture import draw
 

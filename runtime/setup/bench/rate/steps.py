@@ -101,7 +101,7 @@ class OnRig:
     def __call__(self, rate: float) -> Step:
         from runtime.host.errors import BadInput
         from runtime.record.recorder import can_ask
-        from runtime.robot.rig import RigBuses
+        from runtime.robot.rig.buses import RigBuses
         from runtime.robot.rig.overrides import override
         from runtime.session.prepare import NO_CONFIRMATION, Prepared
         from runtime.session.request import Request

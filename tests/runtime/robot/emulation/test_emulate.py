@@ -15,7 +15,8 @@ from graph import Diagram, compile
 from runtime.host.errors import OK
 from runtime.robot.emulation.buses import PlantBuses
 from runtime.robot.emulation.serving import Service, line
-from runtime.robot.rig import RigError, read
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import read
 from tests.runtime.runs import Files, finished, knee, started, write
 
 pytestmark = pytest.mark.timing

@@ -318,7 +318,7 @@ def test_an_exception_at_the_pre_flight_table_disables_both_drives(buses):
     fault = Fault(
         "",
         before="from runtime.record.report.preflight.table import Preflight\n"
-        "Preflight.event = lambda self, values: 1 / 0",
+        "Preflight.event = lambda self, values, found: 1 / 0",
     )
     process = buses.start(fault)
     out, err = process.communicate(timeout=20)

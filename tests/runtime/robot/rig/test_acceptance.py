@@ -6,8 +6,10 @@ import pytest
 
 from graph import Diagram, compile
 from runtime.host.errors import BAD_INPUT, BadInput
-from runtime.robot.rig import RigError, override, require_acceptance
+from runtime.robot.rig.acceptance import require_acceptance
+from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import parse
+from runtime.robot.rig.overrides import override
 from runtime.session.own_process import words
 from tests.runtime.robot.guardian.bus import ROBOT, Bus
 from tests.runtime.runs import Files, finished, write

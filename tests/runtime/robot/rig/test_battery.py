@@ -9,8 +9,8 @@ from blocks.actuators.cubemars import models, models_v3
 from blocks.families import families, find_model
 from cext.kernels import no_io
 from graph import Actuator, Diagram, DiagramError, Input, Output
-from runtime.robot.rig import RigError, require_supply
-from runtime.robot.rig.battery import Battery, continuous_current, supply_current, windings
+from runtime.robot.rig.battery import Battery, continuous_current, require_supply, supply_current, windings
+from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import parse
 from runtime.session.check.battery import overloads, peak_current
 

@@ -14,9 +14,9 @@ from runtime.host.errors import CHECK_FAILED, OK
 from runtime.host.machine.probe import Machine
 from runtime.robot.guardian import GuardianProcess
 from runtime.robot.guardian.lock import BusLock
-from runtime.robot.rig import RigBuses, RigError, read
-from runtime.robot.rig.buses import in_words
-from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.buses import RigBuses, in_words
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import RigBus, read
 from tests.runtime.runs import KNEE_EXO, knee, write
 from tests.runtime.setup.doctor.machines import PI_4, lay_out
 

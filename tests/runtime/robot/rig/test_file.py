@@ -2,7 +2,8 @@
 
 import pytest
 
-from runtime.robot.rig import RigError, read
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import read
 
 GOOD = """\
 [bus.legs]

@@ -5,8 +5,10 @@ import pytest
 from blocks.actuators import CubeMars
 from cext.kernels import no_io
 from graph import Actuator, Diagram, Input, Output, Param
-from runtime.robot.rig import RigError, override, require_ranges
+from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import parse
+from runtime.robot.rig.joints import require_ranges
+from runtime.robot.rig.overrides import override
 from tests.runtime.runs import KNEE_EXO, write
 
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'

@@ -6,7 +6,9 @@ from blocks.actuators import CubeMars
 from blocks.imus import OpenImu
 from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
-from runtime.robot.rig import RigError, override, read
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import read
+from runtime.robot.rig.overrides import override
 
 HARDWARE = f"CubeMars has {', '.join(CubeMars.hardware)}"
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 500_000\n'

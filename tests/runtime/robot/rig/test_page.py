@@ -14,7 +14,9 @@ import pytest
 from graph import compile
 from runtime.host.console.styles import Console
 from runtime.robot.loading.file import load
-from runtime.robot.rig import CODES, override, read
+from runtime.robot.rig.errors import CODES
+from runtime.robot.rig.file import read
+from runtime.robot.rig.overrides import override
 from runtime.session.check.battery import battery_lines
 from runtime.session.check.report import check
 from tests.runtime.runs import KNEE_EXO, ROOT

@@ -15,7 +15,8 @@ import pytest
 from blocks.sensors import Insole
 from graph import Diagram, compile
 from runtime.host.errors import BAD_INPUT, OK
-from runtime.robot.rig import override, read
+from runtime.robot.rig.file import read
+from runtime.robot.rig.overrides import override
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.sensors.test_insole import free_port
 from tests.blocks.sensors.test_microcontroller import packet

@@ -8,9 +8,9 @@ from cext.lines.i2c_memory import MemoryI2c
 from graph import compile
 from runtime.host.errors import OK
 from runtime.robot.loading.file import load
-from runtime.robot.rig import read
 from runtime.robot.rig.chips import Chips
 from runtime.robot.rig.errors import CODES
+from runtime.robot.rig.file import read
 from tests.runtime.robot.rig.wires import Wires, add_mpu
 from tests.runtime.runs import ROOT, write
 from tests.runtime.test_documents import python_of, shown_after

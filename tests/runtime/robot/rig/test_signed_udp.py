@@ -13,8 +13,10 @@ from cext.bus.socketcan import SocketCan
 from graph import Diagram
 from runtime.host.errors import FAULT
 from runtime.host.signed_datagrams import Receiver, Signer, opened, read_key, sealed
-from runtime.robot.rig import RigBuses, RigError, read
 from runtime.robot.rig.bus import RigBus
+from runtime.robot.rig.buses import RigBuses
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import read
 from runtime.robot.rig.udp import UdpInterface
 from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.robot.rig.test_udp import CAN_FRAME, MORE, PATIENT, Button, free_port

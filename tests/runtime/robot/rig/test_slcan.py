@@ -21,9 +21,9 @@ from graph import Diagram
 from runtime.host.errors import FAULT, OK
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import PythonCanWire
-from runtime.robot.rig import RigBuses, RigError, read
-from runtime.robot.rig.errors import Refused
-from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.buses import RigBuses
+from runtime.robot.rig.errors import Refused, RigError
+from runtime.robot.rig.file import RigBus, read
 from runtime.robot.rig.serial_port import look_at_port
 from tests.blocks.actuators import reference
 from tests.runtime.robot.guardian.bus import guardian_of

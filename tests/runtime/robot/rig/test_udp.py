@@ -18,8 +18,9 @@ from blocks.safety import EStopHeartbeat
 from cext.bus.socketcan import SocketCan
 from graph import Diagram
 from runtime.host.errors import FAULT, OK
-from runtime.robot.rig import RigBuses, RigError, read
-from runtime.robot.rig.file import RigBus
+from runtime.robot.rig.buses import RigBuses
+from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.file import RigBus, read
 from runtime.robot.rig.udp import Endpoint, UdpInterface, addresses, failed, owner_of
 from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, NOTHING, ROOT, finished, write

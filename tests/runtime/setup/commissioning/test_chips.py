@@ -7,8 +7,8 @@ import pytest
 from cext.lines.i2c_memory import MemoryI2c
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.robot.guardian.lock import BusLock
-from runtime.robot.rig import read
 from runtime.robot.rig.chips import Chips
+from runtime.robot.rig.file import read
 from tests.runtime.robot.rig.wires import Wires, add_mpu
 
 WORDS = ("scan", "--interface", "i2c", "--channel", "/dev/i2c-97")

@@ -14,8 +14,8 @@ from graph import Diagram
 from runtime.host.errors import BadInput
 from runtime.record.report.preflight.table import marks, position_range
 from runtime.robot.loading.file import compiled, load
-from runtime.robot.rig import override, read
-from runtime.robot.rig.file import RigBus, parse
+from runtime.robot.rig.file import RigBus, parse, read
+from runtime.robot.rig.overrides import override
 from runtime.setup.commissioning import rig_edit
 from runtime.setup.commissioning.bus import ToolBus
 from runtime.setup.commissioning.configure.joint import Motor

@@ -9,7 +9,7 @@ import pytest
 
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.robot.guardian.lock import BusLock
-from runtime.robot.rig import read
+from runtime.robot.rig.file import read
 from runtime.setup.commissioning.scan import commanded
 from tests.runtime.setup.commissioning.nodes import (
     DISABLE,
