@@ -89,9 +89,9 @@ def in_stalls(printed):
     return int(found[1]) if found else 0
 
 
-def finished(*arguments, cwd, timeout=60, cold=False, **more):
-    """A run from beginning to end. Returns the CompletedProcess, with text."""
-    with started(*arguments, cwd=cwd, cold=cold, env=environment(**more)) as process:
+def finished(*arguments, cwd, timeout=60, cold=False, limits=None, **more):
+    """A run from beginning to end. Returns the CompletedProcess, with text. limits : of Forked"""
+    with started(*arguments, cwd=cwd, cold=cold, limits=limits, env=environment(**more)) as process:
         try:
             out, err = process.communicate(timeout=timeout)
         except BaseException:
@@ -106,12 +106,13 @@ def started(*arguments, cwd, cold=False, **how):
     return module("runtime", *arguments, cwd=cwd, cold=cold, text=True, **how)
 
 
-def module(name, *arguments, cwd=ROOT, cold=False, **how):
+def module(name, *arguments, cwd=ROOT, cold=False, limits=None, **how):
     """Start a module in a forked process, or in an interpreter that starts with it. Returns the Popen."""
     words, how = ["-m", name, *map(str, arguments)], {"env": environment(), **how}
     if cold or "preexec_fn" in how or not server().serves(how["env"]):
+        assert limits is None
         return subprocess.Popen([sys.executable, *words], cwd=cwd, **how)
-    return Forked(server(), words, cwd=cwd, **how)
+    return Forked(server(), words, limits, cwd=cwd, **how)
 
 
 @functools.cache
@@ -123,7 +124,7 @@ def server():
 
 
 def forked(words, env=None, **how):
-    """A Python with `-c` that is forked. Returns the Popen."""
+    """A Python with `-c` that is forked, or with `-m`. Returns the Popen."""
     variables = os.environ if env is None else env
     return Forked(
         server(),
@@ -146,12 +147,12 @@ def writer_of(pid):
 
 
 def descendant(pid, word):
-    """Number of the process below another whose command line has a word; None where there is none."""
+    """Number of the process below another whose name or command line has a word; None where there is none."""
     below = {pid}
     for entry in sorted(int(name) for name in os.listdir("/proc") if name.isdigit()):
         try:
             stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
-            words = open(f"/proc/{entry}/cmdline", "rb").read()
+            words = b"".join(open(f"/proc/{entry}/{file}", "rb").read() for file in ("comm", "cmdline"))
         except OSError:
             continue
         if int(stat[1]) in below:

@@ -8,6 +8,7 @@ decodes with 2ⁿ − 1.
 
 import math
 from fractions import Fraction
+from functools import lru_cache
 
 FIELDS = (("position", 16), ("velocity", 12), ("stiffness", 12), ("damping", 12), ("torque", 12))
 BITS = dict(FIELDS)
@@ -24,6 +25,7 @@ def ranges(velocity, torque):
     }
 
 
+@lru_cache(1 << 14)
 def exact_code(x, low, high, bits):
     """The code before truncation, as a Fraction within 0 and 2ⁿ − 1."""
     if not math.isfinite(x):
@@ -36,6 +38,7 @@ def code(x, low, high, bits):
     return int(exact_code(x, low, high, bits))
 
 
+@lru_cache(1 << 14)
 def value(code, low, high, bits):
     return float(Fraction(low) + Fraction(code) * (Fraction(high) - Fraction(low)) / (2**bits - 1))
 

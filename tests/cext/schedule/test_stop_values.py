@@ -166,24 +166,41 @@ def test_a_healthy_drive_behind_an_adapter_that_delivers_in_bursts_is_confirmed_
     assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0
 
 
+def confirmed_by_bursts(name, burst, start, reports, reported):
+    """Whether a drive that misses the stop is confirmed. reports : Hz"""
+    block = {"restart_time": 0.0} if name in PERIODIC else {}
+    if name in ("v3 reports", "servo"):
+        reports = min(reports, 500.0)
+        block |= {"report_rate": reports, "timeout": 0.2}
+    drive = own(name, hold=5.0, reported=reported, misses_stop=True, reports=reports)
+    outcome, _ = run(name, [drive], ticks=60, block=block, wired=bursts(burst, start))
+    assert drive.deaf
+    return outcome.unconfirmed != ("drive0",)
+
+
+REPORTS = [50.0, 100.0, 125.0, 200.0, 400.0, 1000.0]  # Hz
+# N·m, by a drive that keeps its torque. Servo mode has no answer to the disable: reports at rest are all there is
+REPORTED = [(name, reported) for name in FAMILIES for reported in (None, 0.0) if (name, reported) != ("servo", 0.0)]
+
+
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("reported", [None, 0.0], ids=["its torque", "no torque"])
-@pytest.mark.parametrize("reports", [50.0, 100.0, 125.0, 200.0, 400.0, 1000.0])
 @pytest.mark.parametrize("burst", BURSTS)
-@pytest.mark.parametrize("name", FAMILIES)
-def test_bursts_of_reports_by_a_drive_that_misses_the_stop_confirm_nothing(name, burst, reports, reported):
-    always = name in ("v3 reports", "servo")
-    if name == "servo" and reported is not None:
-        return  # a protocol without an answer to the disable: its reports at rest are all there is
-    rate = min(reports, 500.0) if always else reports
-    block = {"report_rate": rate, "timeout": 0.2} if always else {}
-    block |= {"restart_time": 0.0} if name in PERIODIC else {}
+@pytest.mark.parametrize("name, reported", REPORTED)
+def test_bursts_of_reports_by_a_drive_that_misses_the_stop_confirm_nothing(name, reported, burst):
+    """One start of the bursts for each rate of reports, each start in turn."""
+    first = BURSTS.index(burst)
+    for number, reports in enumerate(REPORTS):
+        start = FROM[(first + number) % len(FROM)]
+        assert not confirmed_by_bursts(name, burst, start, reports, reported), (start, reports)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("burst", BURSTS)
+@pytest.mark.parametrize("name, reported", REPORTED)
+def test_bursts_of_reports_confirm_nothing_wherever_they_start(name, reported, burst):
     for start in FROM:
-        drive = own(
-            name, hold=5.0, reported=reported, misses_stop=True, reports=min(reports, 500.0) if always else reports
-        )
-        outcome, _ = run(name, [drive], ticks=60, block=block, wired=bursts(burst, start))
-        assert drive.deaf and outcome.unconfirmed == ("drive0",), start
+        for reports in REPORTS:
+            assert not confirmed_by_bursts(name, burst, start, reports, reported), (start, reports)
 
 
 @pytest.mark.hazard("H9d")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import runtime
-from tests.runtime.runs import KNEE_EXO, ROOT, environment
+from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, forked
 
 LIMIT = 1000  # bytes, of a file that a command can write
 OLD = "what was there before\n" * 200
@@ -23,6 +23,7 @@ def limit(event, arguments):
         resource.setrlimit(resource.RLIMIT_FSIZE, ({LIMIT}, {LIMIT}))
 
 signal.signal(signal.SIGXFSZ, signal.Handlers(int(sys.argv.pop(1))))
+sys.dont_write_bytecode = True  # CPython does not notice that it writes only a part
 sys.addaudithook(limit)
 sys.exit(main())
 """
@@ -51,7 +52,7 @@ def recordings(tmp_path_factory):
     for name, scale in (("trial", "0.1"), ("other", "0.2")):
         words = [KNEE_EXO, "--fast", "--duration", "8", "--record", folder / name, "--set"]
         words = [*words, f"left/profile.scale={scale}"]
-        subprocess.run([sys.executable, "-m", "runtime", *map(str, words)], cwd=ROOT, env=environment(), check=True)
+        assert finished(*words, cwd=ROOT).returncode == 0
         [path] = (folder / name).glob("*.mcap")
         path.rename(folder / f"{name}.mcap")
     return folder
@@ -70,16 +71,13 @@ def test_the_old_file_survives_a_full_disk_and_a_kill_in_the_middle(recordings, 
     output.write_text(OLD)
     before = {path.name for path in recordings.iterdir()}
     action = signal.SIG_IGN if ending == "full" else signal.SIG_DFL
-    done = subprocess.run(
-        [sys.executable, "-c", COMMAND, str(int(action)), *words_of(command)],
-        cwd=recordings,
-        env=environment() | {"PYTHONDONTWRITEBYTECODE": "1"},  # CPython does not notice that it writes only a part
-        capture_output=True,
-        text=True,
-    )
-    assert output.read_text() == OLD, done.stderr
+    words = [sys.executable, "-c", COMMAND, str(int(action)), *words_of(command)]
+    how = {"cwd": recordings, "env": environment(), "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    with forked(words, text=True, **how) as process:
+        error = process.communicate(timeout=60)[1]
+    assert output.read_text() == OLD, error
     if ending == "full":
-        assert done.returncode == 2 and f"cannot write {output.name}: File too large" in done.stderr, done.stderr
+        assert process.returncode == 2 and f"cannot write {output.name}: File too large" in error, error
         assert {path.name for path in recordings.iterdir()} == before
     else:
-        assert done.returncode == -signal.SIGXFSZ, done.stderr
+        assert process.returncode == -signal.SIGXFSZ, error

@@ -6,8 +6,6 @@ import os
 import pty
 import re
 import struct
-import subprocess
-import sys
 import termios
 
 import pytest
@@ -20,7 +18,7 @@ from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.robot.loading.file import load
 from runtime.session.check.report import KEYS, check
 from runtime.session.check.text import bar, interval, text
-from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
+from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, started, write
 
 RATES = '''
 from blocks.discrete import UnitDelay
@@ -296,13 +294,8 @@ def test_on_a_terminal_output_is_coloured_and_fills_its_width(tmp_path):
     knee(tmp_path)
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 72, 0, 0))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", "check", "robot.py"],
-        cwd=tmp_path,
-        stdout=theirs,
-        stdin=theirs,
-        env=environment(TERM="xterm") | {"COLUMNS": ""},
-    )
+    how = {"stdin": theirs, "stdout": theirs, "stderr": None, "env": environment(TERM="xterm", COLUMNS="")}
+    process = started("check", "robot.py", cwd=tmp_path, **how)
     os.close(theirs)
     said = b""
     while True:

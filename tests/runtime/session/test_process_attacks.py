@@ -4,7 +4,6 @@ One second after the end no process of the run exists, and no file but the recor
 """
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -79,9 +78,9 @@ def test_a_block_that_corrupts_its_process_does_not_damage_the_recording(tmp_pat
     expression, code, summary, error = ATTACKS[attack]
     path = knee(tmp_path, f"tick == 20 and ({expression}); return 1.0")
     path.write_text(path.read_text().replace("import math", "import math" + SETUP, 1))
-    # cold: the environment of a forked process, and its limits of memory, would be those of its server
     words = (path, "--fast", "--duration", "1", "--record", "out")
-    process = finished(*words, cwd=tmp_path, cold=True, RUN_TAG=str(tmp_path))
+    # a forked process has the memory of its server, and room in it
+    process = finished(*words, cwd=tmp_path, cold=attack == "1 MiB of memory", RUN_TAG=str(tmp_path))
     assert process.returncode == code, process.stderr
     assert summary in process.stdout and error in process.stderr, process.stdout + process.stderr
     assert "Traceback" not in process.stderr
@@ -98,15 +97,8 @@ def test_a_block_that_corrupts_its_process_does_not_damage_the_recording(tmp_pat
 
 def limited(tmp_path, folder, **limits):
     """A run in a process with resource limits. Returns the CompletedProcess."""
-
-    def lower():
-        for name, value in limits.items():
-            resource.setrlimit(getattr(resource, name), (value, value))
-
-    command = [sys.executable, "-m", "runtime", str(knee(tmp_path)), "--fast", "--duration", "1", "--record", folder]
-    return subprocess.run(
-        command, cwd=tmp_path, env=environment(RUN_TAG=str(tmp_path)), capture_output=True, text=True, preexec_fn=lower
-    )
+    words = (knee(tmp_path), "--fast", "--duration", "1", "--record", folder)
+    return finished(*words, cwd=tmp_path, limits=limits, RUN_TAG=str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -128,19 +120,8 @@ def test_insufficient_resources_are_reported_before_the_run(tmp_path, limits, fo
 
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path):
     """The limit of 1.2 MB holds the shared memory of the run, and not its flight log."""
-    path = knee(tmp_path)
-
-    def lower():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1_200_000, 1_200_000))
-
-    process = subprocess.run(
-        [sys.executable, "-m", "runtime", str(path), "--fast", "--duration", "60", "--record", "out"],
-        cwd=tmp_path,
-        env=environment(RUN_TAG=str(tmp_path)),
-        capture_output=True,
-        text=True,
-        preexec_fn=lower,
-    )
+    words = (knee(tmp_path), "--fast", "--duration", "60", "--record", "out")
+    process = finished(*words, cwd=tmp_path, limits={"RLIMIT_FSIZE": 1_200_000}, RUN_TAG=str(tmp_path))
     assert process.returncode == 4 and "12000 of 12000 done" in process.stdout, process.stderr
     assert process.stdout.startswith("THE RECORDING IS NOT COMPLETE: incomplete: out/robot_")
     assert "plot the recording" not in process.stdout

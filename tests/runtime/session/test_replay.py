@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -457,12 +456,8 @@ def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_t
 
 def test_the_recording_of_a_killed_run_is_replayed(command_line, tmp_path):
     path = law(tmp_path)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    how = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = started(path, "--record", tmp_path / "killed", cwd=ROOT, **how)
     deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline and not any(
         file.stat().st_size > 60_000 for file in (tmp_path / "killed").glob("*.mcap")

@@ -56,7 +56,7 @@ def terminal():
 def suspend_recorder(terminal):
     """Stop the processes of its recorder, the one that starts writers and the writer, without ending them."""
     pid = terminal.process.pid
-    terminal.suspended = [descendant(pid, "runtime.record.recorder.process"), writer_of(pid)]
+    terminal.suspended = [descendant(pid, "tickwork-parts"), writer_of(pid)]
     for each in terminal.suspended:
         os.kill(each, signal.SIGSTOP)
 

@@ -4,9 +4,7 @@ import json
 import math
 import os
 import re
-import resource
 import struct
-import subprocess
 import sys
 
 import numpy as np
@@ -18,7 +16,7 @@ from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.record.export import FORMATS, convert
 from tests.checkout import assert_one_line, copy_packages, python
 from tests.runtime.record.recorder.running import CSV, columns, frame, plan, record, row, sink
-from tests.runtime.runs import KNEE_EXO, environment
+from tests.runtime.runs import KNEE_EXO, finished
 
 ODD = [0.1, -0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 1 / 3, -2.2250738585072014e-308]
 SIGNALS = (
@@ -389,15 +387,8 @@ def test_full_disk_leaves_no_file_and_is_reported_in_one_line(recording, tmp_pat
     """A file may not grow beyond 2000 bytes."""
     if kind == "rrd":
         pytest.importorskip("rerun")
-    process = subprocess.run(
-        [sys.executable, "-m", "runtime", "convert", recording, "--to", kind, "-o", "out"],
-        cwd=tmp_path,
-        text=True,
-        env=environment(PYTHONDONTWRITEBYTECODE="1"),
-        capture_output=True,
-        timeout=120,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)),
-    )
+    words = ("convert", recording, "--to", kind, "-o", "out")
+    process = finished(*words, cwd=tmp_path, limits={"RLIMIT_FSIZE": 2000}, timeout=120)
     assert (process.returncode, process.stdout) == (BAD_INPUT, "") and list((tmp_path / "out").iterdir()) == []
     assert re.fullmatch(f"tickwork: cannot write out/odd.{kind}: {told}\n", process.stderr)
 

@@ -5,8 +5,6 @@ import math
 import re
 import resource
 import struct
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -26,6 +24,7 @@ from runtime.record.recorder.services.csv import CsvWriter
 from runtime.record.storage.ascii_units import ascii_name
 from runtime.record.storage.files import WholeFile, create
 from tests.runtime.record.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink
+from tests.runtime.runs import finished
 
 
 def written(folder, columns, rows, **parameters):
@@ -187,8 +186,7 @@ def test_text_has_states_by_name_and_each_event_in_the_row_that_follows_or_the_l
         "    Failing(name='failing')(time)\n"
         "    CsvRecorder(record='gait', text=True, file='walk')\n"
     )
-    command = [sys.executable, "-m", "runtime", str(walk), "--fast", "--duration", "1", "--record", str(tmp_path)]
-    assert subprocess.run(command, capture_output=True, text=True).returncode == 3
+    assert finished(walk, "--fast", "--duration", "1", "--record", tmp_path, cwd=tmp_path).returncode == 3
     lines = list(csv.DictReader((tmp_path / "walk.csv").open()))
     assert [line["gait.state"] for line in lines] == ["swing", "swing", "stance", "stance", "stance"]
     assert [line["events"] for line in lines[:-1]] == [""] * 4
@@ -332,7 +330,7 @@ def test_device_time_is_used_if_requested(tmp_path):
     run(diagram, tmp_path, 20, virtual=False, shared=shared)
     header, rows = read_csv(tmp_path / "clocked.csv")
     times = [float(cells[0]) for cells in rows]
-    assert header[0] == "time [s]" and began < times[0] < began + 5.0
+    assert header[0] == "time [s]" and began < times[0] < time.time()
     zero = (shared.wall + shared.first_tick) * 1e-9
     assert [time - zero for time in times] == pytest.approx([int(cells[1]) / 200 for cells in rows], abs=1e-6)
 

@@ -140,7 +140,7 @@ def test_after_kill_9_of_every_process_the_file_can_be_repaired(command_line):
     run = started(KNEE_EXO, "--duration", "60", "--record", folder, cwd=folder)
     [path] = patient(lambda: list(folder.glob("*.mcap")))
     patient(lambda: path.stat().st_size > 300_000)
-    for pid in (descendant(run.pid, "runtime.record.recorder.process"), writer_of(run.pid), run.pid):
+    for pid in (descendant(run.pid, "tickwork-parts"), writer_of(run.pid), run.pid):
         os.kill(pid, signal.SIGKILL)
     run.communicate()
     before = runtime.load(path)

@@ -1,7 +1,6 @@
 """Diagram files: what they may be, what they may import, and what is said of those that cannot be used."""
 
 import os
-import subprocess
 import sys
 
 import pytest
@@ -10,7 +9,7 @@ from graph import Diagram
 from runtime.host.diagram_folders import DiagramFolder
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.robot.loading.file import load
-from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
+from tests.runtime.runs import KNEE, KNEE_EXO, finished, knee, line_of, write
 
 WAVE = """
 from blocks.recorders import CsvRecorder
@@ -125,8 +124,7 @@ def test_files_of_the_working_folder_do_not_shadow_those_beside_the_diagram(tmp_
     robots = sorted(path for path in KNEE_EXO.parent.glob("*.py") if "wearer" in path.read_text())
     assert len(robots) > 5
     for robot in robots[:3]:
-        command = [sys.executable, "-m", "runtime", "check", robot]
-        found = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True)
+        found = finished("check", robot, cwd=tmp_path)
         assert (found.returncode, found.stderr) == (OK, "")
 
 
