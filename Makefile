@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stencils test test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
+.PHONY: help run lint stencils test golden test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -40,6 +40,7 @@ STUBBED := $(shell find blocks graph cext/stubs.py -name '*.py')
 help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test           set up .venv, build, lint, and run the tests; select with TESTS='tests/graph -k units'"
+	echo "make golden         write the pages in tests/golden again, which tests compare with those that are printed"
 	echo "make lint           check style and format with ruff, and types with pyright"
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
@@ -75,6 +76,10 @@ test: $(VENV)/installed-test $(VENV)/stubs
 	wait $$types || { cat build/types; exit 1; }
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
+
+golden: $(VENV)/installed-test $(VENV)/stubs
+	$(VENV)/bin/python -m pytest -n 2 --rewrite -m 'not soak' $$(grep -rl --include='test_*.py' '\bgolden(' tests)
+	exec git status --short tests/golden
 
 lint: $(VENV)/installed-test $(VENV)/stubs
 	$(ruff)

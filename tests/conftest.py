@@ -16,7 +16,10 @@ import gc
 import os
 import signal
 
+import pytest
 from hypothesis import settings
+
+from tests.golden import Golden
 
 TESTS_BETWEEN_COLLECTIONS = 40
 FULL_COLLECTION_INTERVAL = 20  # collections
@@ -29,6 +32,15 @@ for number, action in ((signal.SIGINT, signal.default_int_handler), (signal.SIGH
 settings.register_profile("steady", max_examples=30, derandomize=True, deadline=None)
 settings.register_profile("soak", max_examples=1000, deadline=None)
 settings.load_profile(os.environ.get("EXAMPLES", "steady"))
+
+
+def pytest_addoption(parser):
+    parser.addoption("--rewrite", action="store_true", help="write the files of tests/golden instead of comparing them")
+
+
+@pytest.fixture(scope="session")
+def golden(request):
+    return Golden(request.config.getoption("rewrite"))
 
 
 def pytest_collection_finish(session):

@@ -12,8 +12,9 @@ from blocks.linear import StateSpace, TransferFunction
 from blocks.sources import StepSource
 from graph import Diagram
 from tests.blocks.running import player, run
+from tests.optional import Library
 
-control = pytest.importorskip("control", reason="python-control is not installed: pip install 'tickwork[test]'")
+control = Library("control")
 
 RATE, TICKS = 200.0, 400
 H = 1.0 / RATE
@@ -72,7 +73,9 @@ def test_a_butterworth_filter_is_the_analog_one_by_tustin_prewarped():
     assert output(lambda signal: Butterworth(order=2, cutoff=20.0)(signal)) == pytest.approx(wanted, abs=1e-10)
 
 
-INTEGRAL = control.tf([H, 0.0], [1.0, -1.0], H)  # I[k] = I[k-1] + dt e[k]
+def integral():
+    """I[k] = I[k-1] + dt e[k]"""
+    return control.tf([H, 0.0], [1.0, -1.0], H)
 
 
 def slope(filter_time):
@@ -83,9 +86,9 @@ def slope(filter_time):
 @pytest.mark.parametrize(
     "make, law",
     [
-        (lambda: PI(2.0, 5.0), lambda: 2.0 + 5.0 * INTEGRAL),
+        (lambda: PI(2.0, 5.0), lambda: 2.0 + 5.0 * integral()),
         (lambda: PD(2.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 0.3 * slope(0.02)),
-        (lambda: PID(2.0, 5.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 5.0 * INTEGRAL + 0.3 * slope(0.02)),
+        (lambda: PID(2.0, 5.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 5.0 * integral() + 0.3 * slope(0.02)),
     ],
 )
 def test_controllers_without_limits_are_linear_systems(make, law):
@@ -97,7 +100,7 @@ def test_a_closed_loop_of_a_controller_and_a_plant_with_delay():
     old.
     """
     plant = control.sample_system(control.tf(1.0, [0.1, 0.5]), H, "tustin")
-    law = 1.5 + 8.0 * INTEGRAL
+    law = 1.5 + 8.0 * integral()
     wanted = control.forced_response(
         control.feedback(law * plant, control.tf(1.0, [1.0, 0.0], H)), T=np.arange(TICKS) * H, inputs=np.ones(TICKS)
     ).outputs

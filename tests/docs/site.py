@@ -4,8 +4,6 @@ import json
 import re
 import sys
 
-from sphinx.cmd.build import main
-
 from tests.docs.pages import ROOT
 
 SITE = ROOT / "build" / "site"
@@ -19,6 +17,8 @@ def version():
 
 def build():
     """Build the version of the tree. Every warning of Sphinx is an error. Returns the exit status."""
+    from sphinx.cmd.build import main
+
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(ROOT / "build" / "doctrees")]
     return main([*options, str(ROOT / "docs"), str(SITE / version())])
 

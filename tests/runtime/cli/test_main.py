@@ -19,11 +19,10 @@ from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line
 LISTS = "lists the options)"
 
 
-def test_help_names_the_commands_and_every_option(command_line):
+def test_help_names_the_commands_and_every_option(command_line, golden):
     code, out, err = command_line("--help")
+    golden("help", out)
     assert (code, err) == (OK, "")
-    for word in ("python -m runtime FILE", "diagrams/knee_exo.py", "COMMAND --help"):
-        assert word in out
     assert max(map(len, out.splitlines())) < 80 and sys.executable not in out
     commands = [match for line in out.splitlines() if (match := re.fullmatch(r"  (\w+) +(\S.*)", line))]
     assert [match[1] for match in commands] == list(COMMANDS) and len({match.start(2) for match in commands}) == 1

@@ -6,8 +6,9 @@ import runtime
 from runtime.experiments.studies import cluster
 from runtime.experiments.studies.description import described
 from runtime.host.errors import BadInput
+from tests.optional import Library
 
-distributed = pytest.importorskip("distributed")
+distributed = Library("distributed")
 STUDY = {"diagram": "sine.py", "duration": 0.5, "seeds": [1, 2]}
 NOISE = {"function": "rms", "signal": "noise.y"}
 

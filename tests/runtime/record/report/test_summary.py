@@ -57,8 +57,9 @@ def test_signals_are_named_and_ctrl_c_is_explained():
     assert summary.stopped(outcome(number=signal.SIGTERM)) == "stopped by SIGTERM"
 
 
-def test_the_summary_counts_ticks_strides_torque_and_work(walked):
+def test_the_summary_counts_ticks_strides_torque_and_work(walked, golden):
     lines = summary.summary(walked)
+    golden("summary", lines, speed=r"(?m)(?<=^  speed  ).*")
     assert lines[0] == "knee_exo: 10 s at 200 Hz, simulated, in virtual time"
     assert lines[1] == "  ticks       2000 of 2000 done, 0 missed; 0 records dropped"
     assert any(line.startswith("  speed       ") and " times real time: " in line for line in lines)
@@ -330,7 +331,7 @@ def plant(robot):
 '''
 
 
-def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
+def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path, golden):
     lines, _ = explained(
         tmp_path,
         text=FAULTY_PLANT.format(
@@ -341,6 +342,7 @@ def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
         ),
     )
     assert lines[0].startswith("FAULT at knee, tick 10") and lines[0].endswith(": the device reports a fault")
+    golden("fault_over_voltage", lines)
     assert lines[1].startswith("  reported fault: over-voltage (position = ") and ", fault = 3," in lines[1]
     assert "fault: over-voltage, last reply 5.0 ms before, stop confirmed" in lines[-2]
 

@@ -20,25 +20,17 @@ def laid_out(tmp_path):
     return laid_out
 
 
-def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out):
+def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out, golden):
     code, out, err = command_line("doctor", "--root", laid_out(ORIN_NANO))
     lines = out.splitlines()
     assert (code, err) == (CHECK_FAILED, "")
-    assert lines[0] == (
-        "NVIDIA Jetson Orin Nano Engineering Reference Developer Kit Super, Ubuntu 22.04.5 LTS, Linux "
-        "5.15.148-tegra, user jetson"
-    )
-    assert lines[2:5] == [
-        "bad    can0             ERROR-PASSIVE (0 errors sending, 127 receiving)",
-        "                        no frame is acknowledged: check wiring, termination, bitrate and drive power",
-        "                        → 120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all",
-    ]
+    assert lines[2].startswith("bad    can0 ") and lines[4].split()[0] == "→"
     marks = [line.split()[0] for line in lines[2:-1] if line and not line.startswith(" ")]
     assert marks == sorted(marks, key=["bad", "worse", "?", "ok"].index)
-    assert (
-        lines[-1] == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; print a script with most of the "
-        "changes: python -m runtime doctor --script"
-    )
+    counts = [f"{marks.count(mark)} {mark}" for mark in ("bad", "worse", "ok")]
+    assert lines[-1].startswith(", ".join(counts)) and lines[-1].endswith("doctor --script")
+    here = {"python": r"(?m)(?<=^ok     Python).*(\n  +.*)*", "free": r"[\d.]+ GiB free in .*"}
+    golden("doctor_orin_nano", out, **here)
 
 
 def test_a_finding_of_worse_is_not_a_failure(command_line, laid_out):
