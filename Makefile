@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stencils test golden test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
+.PHONY: help run lint coverage stencils test golden test-all test-hardware reference soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -42,6 +42,7 @@ help:
 	echo "make test           set up .venv, build, lint, and run the tests; select with TESTS='tests/graph -k units'"
 	echo "make golden         write the pages in tests/golden again, which tests compare with those that are printed"
 	echo "make lint           check style and format with ruff, and types with pyright"
+	echo "make coverage       print how many percent of the statements the tests without real time execute"
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
 	echo "make reference      run the programs of Epically Powerful on emulated devices, in an environment of their own"
@@ -84,6 +85,13 @@ golden: $(VENV)/installed-test $(VENV)/stubs
 lint: $(VENV)/installed-test $(VENV)/stubs
 	$(ruff)
 	$(pyright)
+
+# Of Python code in the processes of the tests; what child processes execute is not counted.
+coverage: $(VENV)/installed-test $(VENV)/stubs
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check pytest-cov
+	COVERAGE_FILE=build/coverage $(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal \
+		-m 'not soak and not paced and not timing' --cov=blocks --cov=graph --cov=runtime --cov-report= $(TESTS)
+	COVERAGE_FILE=build/coverage exec $(VENV)/bin/python -m coverage report --format=total
 
 stencils: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m cext.fused
