@@ -12,14 +12,16 @@ from tests.runtime.runs import FORKING, environment
 
 
 @pytest.fixture(autouse=True)
-def fresh_imports(tmp_path, monkeypatch):
+def fresh_imports(request, monkeypatch):
     """Forget the modules that a test has imported from its own folder."""
     monkeypatch.setattr(sys, "path", list(sys.path))
+    before = {*sys.modules}
     yield
-    folder = f"{tmp_path}{os.sep}"
-    for name, module in list(sys.modules.items()):
-        if (getattr(module, "__file__", None) or "").startswith(folder):
-            del sys.modules[name]
+    if "tmp_path" in request.fixturenames:
+        folder = f"{request.getfixturevalue('tmp_path')}{os.sep}"
+        for name in sys.modules.keys() - before:
+            if (getattr(sys.modules[name], "__file__", None) or "").startswith(folder):
+                del sys.modules[name]
 
 
 @pytest.fixture(autouse=True)
