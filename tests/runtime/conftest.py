@@ -15,13 +15,14 @@ from tests.runtime.runs import FORKING, environment
 def fresh_imports(request, monkeypatch):
     """Forget the modules that a test has imported from its own folder."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    before = {*sys.modules}
+    if "tmp_path" not in request.fixturenames:
+        yield
+        return
+    before, folder = {*sys.modules}, f"{request.getfixturevalue('tmp_path')}{os.sep}"
     yield
-    if "tmp_path" in request.fixturenames:
-        folder = f"{request.getfixturevalue('tmp_path')}{os.sep}"
-        for name in sys.modules.keys() - before:
-            if (getattr(sys.modules[name], "__file__", None) or "").startswith(folder):
-                del sys.modules[name]
+    for name in sys.modules.keys() - before:
+        if (getattr(sys.modules[name], "__file__", None) or "").startswith(folder):
+            del sys.modules[name]
 
 
 @pytest.fixture(autouse=True)
