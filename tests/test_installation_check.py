@@ -318,11 +318,18 @@ def cached(folder, *words):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("changed", ["cut", "a header", "zeros"])
+CHANGES = ("cut", "a header", "zeros")
+MODULES = ("runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runtime/cli/run", "runtime/session/session")
+MODULES += ("graph/schedule", "graph/diagram", "shared")
+
+
 @pytest.mark.parametrize(
-    "module",
-    ["runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runtime/cli/run", "runtime/session/session"]
-    + ["graph/schedule", "graph/diagram", "shared"],
+    "module, changed",
+    [  # each module with one of the changes, one module with all of them; the rest is soaked
+        pytest.param(module, changed, marks=[] if place == 3 or number == place % 3 else pytest.mark.soak)
+        for place, module in enumerate(MODULES)
+        for number, changed in enumerate(CHANGES)
+    ],
 )
 def test_a_damaged_bytecode_cache_is_named_with_its_remedy(module, changed, warm):
     root = warm if module == "shared" else ROOT

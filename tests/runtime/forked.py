@@ -139,14 +139,16 @@ class Descendant(subprocess.Popen):
             files = [own if own != -1 else number for number, own in enumerate((p2cread, c2pwrite, errwrite))]
             code = 1
             try:
-                code = begin_anew(words[1:], [*files, *pass_fds], [0, 1, 2, *pass_fds], bool(how[20]))
+                if how[20]:  # start_new_session
+                    os.setsid()
+                code = begin_anew(words[1:], [*files, *pass_fds], [0, 1, 2, *pass_fds])
             finally:
                 os._exit(code)
         self._child_created = True
         self._close_pipe_fds(*pipes)
 
 
-def begin_anew(words, files, places, start_new_session):
+def begin_anew(words, files, places):
     """Do in a forked process what Python does that was started with these words. Returns its exit code."""
     for number in signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}:
         if callable(signal.getsignal(number)):
@@ -155,7 +157,7 @@ def begin_anew(words, files, places, start_new_session):
     with open("/proc/self/comm", "w") as file:
         file.write(words[2][-COMMAND_LIMIT:])
     try:
-        carry_out(words, os.getcwd(), dict(os.environ), start_new_session, places, {}, files)
+        carry_out(words, os.getcwd(), dict(os.environ), False, places, {}, files)
         return 0
     except SystemExit as error:
         if isinstance(error.code, str):

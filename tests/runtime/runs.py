@@ -12,16 +12,16 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import psutil
 
 import runtime
 from runtime.record.storage.format import Frame
 from tests.blocks.actuators import reference
-from tests.runtime.forked import Forked, Server
+from tests.runtime.forked import COMMAND_LIMIT, Forked, Server
 
 ROOT = Path(__file__).resolve().parents[2]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
@@ -139,27 +139,30 @@ FORKING = SimpleNamespace(**{**vars(subprocess), "Popen": forked})
 
 def writer_of(pid):
     """Number of the process below another that writes its recording; None where there is none yet."""
-    below = psutil.Process(pid).children(recursive=True)
-    return next(
-        (child.pid for child in below if child.name() == "tickwork-record" and child.status() != psutil.STATUS_ZOMBIE),
-        None,
-    )
+    return descendant(pid, "tickwork-record")
 
 
 def descendant(pid, word):
-    """Number of the process below another whose name or command line has a word; None where there is none."""
-    below = {pid}
-    for entry in sorted(int(name) for name in os.listdir("/proc") if name.isdigit()):
-        try:
-            stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
-            words = b"".join(open(f"/proc/{entry}/{file}", "rb").read() for file in ("comm", "cmdline"))
-        except OSError:
-            continue
-        if int(stat[1]) in below:
-            below.add(entry)
-            if word.encode() in words and stat[0] != "Z":
-                return entry
+    """Number of the process below another with a name, or a word in its command line; None where there is none.
+
+    word : also the module of a process that is forked (tests/runtime/forked.py)
+    """
+    for child in below(pid):
+        with suppress(OSError):
+            words, name = (Path(f"/proc/{child}/{file}").read_bytes() for file in ("cmdline", "comm"))
+            here = word.encode() in words or name.strip() == word.encode()[-COMMAND_LIMIT:]
+            if here and Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+                return child
     return None
+
+
+def below(pid):
+    """Numbers of the processes that another has started, and those that they have started."""
+    with suppress(OSError):
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            for child in map(int, Path(f"/proc/{pid}/task/{thread}/children").read_text().split()):
+                yield child
+                yield from below(child)
 
 
 def stamps(datagrams):

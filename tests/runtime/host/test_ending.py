@@ -12,7 +12,8 @@ import psutil
 import pytest
 
 from runtime.host.ending import ENDING_SIGNALS, Interrupted, uninterrupted
-from tests.runtime.runs import ROOT, environment, finished, knee, started, write
+from tests.runtime.runs import ROOT, descendant, environment, finished, knee, started, write
+from tests.runtime.terminals import patient
 
 LIMIT, LIMIT_BUSY = 0.15, 1.0  # s from a signal to the end of the command: at most 0.125 s on a slow machine; when busy
 TRIES = 4  # until one ends in time: another process may have the processor in the others
@@ -141,15 +142,11 @@ def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_emulated_drives_end_with_their_benchmark(tmp_path, number):
     process = started("bench", "bus", cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    parent, drives = psutil.Process(process.pid), []
-    deadline = time.monotonic() + 60.0
-    while not drives and time.monotonic() < deadline:
-        drives = [child for child in parent.children() if "runtime.setup.bench.drives" in child.cmdline()]
-        time.sleep(0.02)
-    everybody = parent.children(recursive=True)
+    patient(lambda: descendant(process.pid, "runtime.setup.bench.drives"), 60.0)
+    everybody = psutil.Process(process.pid).children(recursive=True)
     took(process, number)
     _, alive = psutil.wait_procs(everybody, timeout=2)
-    assert drives and not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
+    assert not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +163,8 @@ def recording(tmp_path_factory):
 def test_a_replay_that_is_interrupted_leaves_no_file(recording, tmp_path, number):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    process = started("replay", recording, cwd=tmp_path, cold=True, env=environment(TMPDIR=str(scratch)))
+    cold = number == signal.SIGINT  # for which Python itself installs a handler
+    process = started("replay", recording, cwd=tmp_path, cold=cold, env=environment(TMPDIR=str(scratch)))
     await_file(tmp_path / "there")
     took(process, number)
     _, err = process.communicate()

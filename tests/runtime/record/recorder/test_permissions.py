@@ -67,8 +67,8 @@ def test_converted_files_and_plots_are_private(command_line):
     record(command_line)
     [recording] = (command_line.folder / "recordings").glob("*.mcap")
     assert command_line("convert", recording, "--to", "sto", "-o", command_line.folder / "out")[0] == OK
-    assert command_line("plot", recording)[0] == OK
-    assert command_line("plot", recording, "-o", command_line.folder / "picture.png")[0] == OK
+    assert command_line("plot", recording, "left/knee.torque")[0] == OK
+    assert command_line("plot", recording, "left/knee.torque", "-o", command_line.folder / "picture.png")[0] == OK
     assert mode(command_line.folder / "out") == 0o700
     assert {mode(path) for path in command_line.folder.rglob("*") if path.is_file() and path.suffix != ".xml"} == {
         0o600
