@@ -1,8 +1,10 @@
 """The site builds without a warning, contains every page, and needs no network."""
 
+import fcntl
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -15,15 +17,24 @@ from tests.docs.site import list_versions
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """Folder of a site without pictures of blocks and with notebooks that are not executed."""
+def site():
+    """Folder of a site without pictures of blocks and with notebooks that are not executed.
+
+    Only pages that have changed since the last time are built again.
+    """
     for library in ("myst_nb", "pydata_sphinx_theme"):
         if importlib.util.find_spec(library) is None:
             pytest.skip(f"{library} is not installed")
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", "--keep-going", "-b", "html", "docs", str(folder / "1.0")]
+    folder = ROOT / "build" / "quick-site"
+    folder.mkdir(parents=True, exist_ok=True)
+    options = ["-W", "-q", "--keep-going", "-b", "html", "-d", str(folder / "doctrees")]
+    command = [sys.executable, "-m", "sphinx", *options, "docs", str(folder / "1.0")]
     environment = os.environ | {"DOCS_QUICK": "1"}
-    built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+    with open(ROOT / "build" / "quick-site.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # beside the same tests in another process
+        built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+        if built.returncode or built.stderr:
+            shutil.rmtree(folder)  # so that all warnings are printed again
     assert (built.returncode, built.stderr) == (0, "")
     return folder / "1.0"
 
