@@ -248,7 +248,7 @@ STARTS = ("check", "run", "rate", "bench", "plot", "convert")
 
 
 @pytest.mark.timing
-@pytest.mark.parametrize("starts", [4, pytest.param(40, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("starts", [2, pytest.param(40, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("command", STARTS)
 def test_a_signal_at_any_time_of_the_start_ends_the_command(recording, tmp_path, command, starts):
     path, draw = knee(tmp_path), random.Random(STARTS.index(command))
