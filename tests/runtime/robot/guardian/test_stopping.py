@@ -34,7 +34,7 @@ def bus(tmp_path):
 
 @pytest.mark.hazard("H8d")
 def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
-    process = bus.start("--record", "out")
+    process = bus.start("--record", "out", cold=True)
     bus.await_torque()
     everybody = family(process)
     killed = time.time()
