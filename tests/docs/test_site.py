@@ -20,7 +20,7 @@ from tests.docs.site import list_versions
 def site():
     """Folder of a site without pictures of blocks and with notebooks that are not executed.
 
-    Only pages that have changed since the last time are built again.
+    Only pages that have changed since the last time are built again, and once for all workers.
     """
     for library in ("myst_nb", "pydata_sphinx_theme"):
         if importlib.util.find_spec(library) is None:
@@ -32,9 +32,14 @@ def site():
     environment = os.environ | {"DOCS_QUICK": "1"}
     with open(ROOT / "build" / "quick-site.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # beside the same tests in another process
+        session, by = os.environ.get("PYTEST_XDIST_TESTRUNUID", ""), folder / "session"
+        if session and by.exists() and by.read_text() == session:
+            return folder / "1.0"
         built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
         if built.returncode or built.stderr:
             shutil.rmtree(folder)  # so that all warnings are printed again
+        else:
+            by.write_text(session)
     assert (built.returncode, built.stderr) == (0, "")
     return folder / "1.0"
 
