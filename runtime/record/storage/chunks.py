@@ -59,7 +59,8 @@ class Chunk:
     headless : whether it has no head of a chunk
     checksum : checksum of the messages of a chunk without a head; None if the file has none
     is_unverified : whether the file has no checksum of its messages
-    is_indexed : whether its message indices are undamaged; this and `is_unverified` are known after `load`
+    is_indexed : whether its message indices, and the times in its head, are undamaged; this and `is_unverified` are
+        known after `load`
     limit : bytes of its messages that are undamaged; None for all
     trim : {channel: (number of its first messages, of its last messages) that are not used}, of incomplete rows beside
         a gap
@@ -189,7 +190,8 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
     places = places_of(indices) if len(indices) else None
     offsets = None if places is None else indexed(data, places)
     messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
-    chunk.is_indexed = not len(indices) or is_index(places, messages)
+    times = CHUNK_HEAD.unpack_from(raw)[2:4] if raw[0] == A_CHUNK else None
+    chunk.is_indexed = not len(indices) or is_index(places, messages, times)
     if not (chunk.headless or messages.end == len(data)):
         raise ValueError("a record longer than its chunk")
     messages = messages if chunk.limit is None else messages.until(chunk.limit)
@@ -237,9 +239,15 @@ def indexed(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.nda
     return offsets_of if total == len(data) else None
 
 
-def is_index(places: dict[int, np.ndarray] | None, messages: Messages) -> bool:
-    """Return whether message indices have each message of a chunk at its place, with its time."""
+def is_index(places: dict[int, np.ndarray] | None, messages: Messages, times: tuple[int, int] | None) -> bool:
+    """Return whether message indices have each message of a chunk at its place, with its time.
+
+    times : first and last log time in the head of the chunk, which must be those of its messages; None without a head
+    """
     if places is None or {channel for channel in places if len(places[channel])} != messages.offsets.keys():
+        return False
+    logged = [index["log_time"] for index in places.values() if len(index)]
+    if times is not None and times != (min(map(np.min, logged), default=0), max(map(np.max, logged), default=0)):
         return False
     return all(
         np.array_equal(places[channel]["offset"], offsets)

@@ -20,8 +20,12 @@ from runtime.record.storage.records import (
     CHANNEL,
     CHUNK_INDEX,
     DAMAGE,
+    DATA_END,
     FOOTER,
+    HEADER,
+    LIBRARY,
     MAGIC,
+    METADATA,
     SCHEMA,
     STATISTICS,
     read,
@@ -30,6 +34,8 @@ from runtime.record.storage.records import (
 
 ATTACHMENTS = ("about.json", "diagram.json", "end.json")
 FOOTER_FIELDS = struct.Struct("<QQI")
+# of a recording, with its profile and library
+OWN_HEADER = HEAD.pack(HEADER, 8 + len(LIBRARY)) + bytes(4) + struct.pack("<I", len(LIBRARY)) + LIBRARY.encode()
 
 
 @dataclass
@@ -45,6 +51,7 @@ class Contents:
     written : messages that the recorder has counted; None if that is unknown
     gaps : [(first byte, end)] of damaged bytes between the records
     broken : names of damaged attachments
+    damages : other damages that affect no tick, each as the end of a sentence
     is_unfinished : whether its recorder was killed, and the file has everything up to the last flush
     finished, trouble : whether its recorder has written its end; if not, the problem with the file, in one line
     """
@@ -60,6 +67,7 @@ class Contents:
     written: int | None = None
     gaps: list[tuple[int, int]] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
+    damages: list[str] = field(default_factory=list)
     is_unfinished: bool = False
     finished: bool = False
     trouble: str = ""
@@ -104,20 +112,17 @@ def summarised(stream: Any, size: int) -> Contents | None:
     """
     from mcap.exceptions import McapError
 
-    tail = HEAD.size + FOOTER_FIELDS.size + len(MAGIC)
-    if size < len(MAGIC) + tail:
+    found = summary_in(stream.fileno(), size)
+    if found is None:
         return None
-    footer = os.pread(stream.fileno(), tail, size - tail)
-    start, _, checksum = FOOTER_FIELDS.unpack_from(footer, HEAD.size)
-    if footer[0] != FOOTER or not footer.endswith(MAGIC) or not 0 < start <= size - tail:
-        return None
-    summary = os.pread(stream.fileno(), size - tail - start, start)
-    if checksum == 0 or zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(summary)) != checksum:
-        return None
+    start, summary = found
     contents, attachments, indices, schemas = Contents(finished=True), [], [], {}
+    copies = {OWN_HEADER} & {os.pread(stream.fileno(), len(OWN_HEADER), len(MAGIC))}  # of records without a checksum
     try:
         for _, kind, data in walk(io.BytesIO(summary), start):
             body = data[HEAD.size :]
+            if kind in (SCHEMA, CHANNEL):
+                copies.add(data)
             if kind == SCHEMA:
                 schema = read("Schema", body)
                 schemas[schema.id] = schema
@@ -151,7 +156,61 @@ def summarised(stream: Any, size: int) -> Contents | None:
     if contents.written != sum(sum(chunk.counts.values()) for chunk in contents.chunks):  # some are not in chunks
         return None
     has_end = contents.end is not None or "end.json" in contents.broken
-    return contents if contents.about is not None and has_end else None
+    if contents.about is None or not has_end:
+        return None
+    chunks = [(chunk.at, chunk.end) for chunk in contents.chunks]
+    at = 0
+    for begin, end in sorted([*chunks, *((place, place + length) for place, length in contents.attachments)]):
+        contents.damages += unconfirmed(os.pread(stream.fileno(), max(0, begin - at), at), at, copies)
+        at = max(at, end)
+    contents.damages += unconfirmed(os.pread(stream.fileno(), start - at, at), at, copies)
+    return contents
+
+
+def summary_in(descriptor: int, size: int) -> tuple[int, bytes] | None:
+    """Return (position, bytes) of the summary of a file; None without a summary with a valid checksum.
+
+    size : of the file, in bytes
+    """
+    tail = HEAD.size + FOOTER_FIELDS.size + len(MAGIC)
+    if size < len(MAGIC) + tail:
+        return None
+    footer = os.pread(descriptor, tail, size - tail)
+    start, _, checksum = FOOTER_FIELDS.unpack_from(footer, HEAD.size)
+    if footer[0] != FOOTER or not footer.endswith(MAGIC) or not 0 < start <= size - tail:
+        return None
+    summary = os.pread(descriptor, size - tail - start, start)
+    if checksum == 0 or zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(summary)) != checksum:
+        return None
+    return start, summary
+
+
+def unconfirmed(data: bytes, at: int, copies: set[bytes]) -> list[str]:
+    """Return the damages, as in Contents, of records that have no checksum.
+
+    data : records between the chunks and attachments of a complete file; its magic bytes and header, if `at` is 0
+    at : position in the file
+    copies : records of schemas and channels in the summary, whose checksum is valid, and OWN_HEADER in a recording
+    """
+    place = len(MAGIC) * (at == 0 and data.startswith(MAGIC))
+    while place + HEAD.size <= len(data):
+        kind, length = HEAD.unpack_from(data, place)
+        record = data[place : place + HEAD.size + length]
+        if len(record) < HEAD.size + length or not is_confirmed(kind, record, copies):
+            break
+        place += len(record)
+    if place == len(data):
+        return []
+    return [f"is damaged: its bytes {at + place} to {at + len(data) - 1} are not those that its summary describes"]
+
+
+def is_confirmed(kind: int, record: bytes, copies: set[bytes]) -> bool:
+    """Return whether a record that has no checksum is as a writer writes it. copies : as for `unconfirmed`"""
+    if kind == HEADER:  # of another writer, it has another size
+        return record == OWN_HEADER or len(record) != len(OWN_HEADER)
+    if kind == DATA_END:
+        return len(record) == HEAD.size + 4 and (record.endswith(bytes(4)) or OWN_HEADER not in copies)
+    return kind == METADATA or record in copies
 
 
 def chunk_of(index: Any) -> Chunk | None:

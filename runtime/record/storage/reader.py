@@ -127,7 +127,7 @@ class Reader:
         if not check.gaps and contents.written not in (None, check.count) and not refused:
             texts.append(f"is damaged: {check.count} of its {contents.written} messages are readable")
         texts += [f"is damaged: the checksum of its {name} is wrong, and it is not used" for name in contents.broken]
-        texts += [refused]
+        texts += [*contents.damages, refused]
         self.is_damaged = any(texts)
         begin = -1 if self.about.get("part", 1) == 1 else None
         between = [(begin if gap.before is None else gap.before, gap.after) for gap in check.gaps]

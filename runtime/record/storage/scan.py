@@ -23,7 +23,7 @@ from runtime.record.storage.chunks import (
     walked,
 )
 from runtime.record.storage.chunks import STREAM as STREAM_OF_ZSTD
-from runtime.record.storage.contents import Contents
+from runtime.record.storage.contents import OWN_HEADER, Contents, summary_in, unconfirmed
 from runtime.record.storage.json_text import DEPTH_LIMIT, TooDeep
 from runtime.record.storage.mcap_file import (
     CHUNK_HEAD,
@@ -111,6 +111,8 @@ class Scan:
         self.refused = ""  # why the rest of the file is not read
         begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
         at = len(MAGIC) if sum(byte == right for byte, right in begin) >= MAGIC_MATCHES else 0
+        if at and unconfirmed(self.bytes_at(0, len(MAGIC) + len(OWN_HEADER)), 0, {OWN_HEADER}):
+            self.contents.damages.append(f"is damaged in its first {len(MAGIC) + len(OWN_HEADER)} bytes")
         known = at  # end of what is certain: a wrong length leads from a record to a wrong place
         while at and not self.contents.finished:
             progress(at / size)
@@ -233,6 +235,8 @@ class Scan:
             contents.written = read("Statistics", body).message_count
         else:
             contents.finished = True
+            if read("Footer", body).summary_crc and summary_in(self.descriptor, self.size) is None:
+                contents.damages.append("is damaged: the checksum of its summary is wrong")
 
     def chunk(self, at: int, end: int) -> int | None:
         """Take a chunk. end : end of its record. Returns as `record`"""

@@ -57,8 +57,7 @@ def test_in_real_time_the_log_shows_the_wall_clock(tmp_path):
     start = time.time()
     run(diagram, tmp_path, 20, plant=plant, virtual=False)
     stamps = [message.timestamp for message in log(tmp_path / "leg.can.log")]
-    assert start < stamps[0] < stamps[-1] < time.time()
-    assert stamps[-1] - stamps[0] == pytest.approx(0.105, abs=0.02)  # arming, 20 ticks, the safe stop
+    assert start < stamps[0] < stamps[0] + 19 / 200 < stamps[-1] < time.time()  # arming, 20 ticks, the safe stop
 
 
 def test_the_last_frames_of_a_run_on_disk_are_zero_torque_then_disable(tmp_path):

@@ -135,6 +135,14 @@ class File:
         self.frames = {frame.time: (frame.bus, frame.sent, frame.payload) for frame in trial.frames}
         self.events = trial.events
         self.open = None
+        contents = trial.file.readers[0].contents
+        # a wrong byte is corrected in an attachment, and may have no effect in compressed messages
+        self.tolerant = [(begin, begin + size) for begin, size in contents.attachments]
+        self.tolerant += [(chunk.begin, chunk.begin + chunk.length) for chunk in contents.chunks if chunk.compression]
+
+    def must_be_reported(self, at):
+        """Whether a wrong byte at a position is reported, although no tick is lost: everywhere in a finished file."""
+        return self.open is None and not any(begin <= at < end for begin, end in self.tolerant)
 
     def lost(self, begin, end):
         """Ticks with a message in a chunk that has one of the bytes from `begin` to `end`, or on both sides of them."""
@@ -208,6 +216,8 @@ def check(file, damaged, begin, end, kind, thorough=True):
             assert len(ticks) == count and np.array_equal(ticks, trial.tick), (begin, kind, name)
             assert rows.tobytes() == np.ascontiguousarray(trial.rows).tobytes(), (begin, kind, name)
     changed = file.lost(begin, end)
+    if damaged != file.data and file.must_be_reported(begin):
+        assert trouble and not trial.complete, (begin, kind)
     assert not trial.unverified or kind in SHORTER and trouble and not trial.unfinished, (begin, kind, trouble)
     unverified = set(trial.tick[max(0, count - trial.unverified) :].tolist()) & changed
     for tick, values in zip(trial.tick.tolist(), trial.rows):
@@ -244,6 +254,20 @@ def test_a_wrong_byte_of_the_metadata_is_corrected_by_their_checksum(file):
         assert check(file, DAMAGES["bit"](file.data, at), at, at + 1, "bit") == set()
         trial = runtime.load(file.path)
         assert trial.about["rate"] == RATE and list(trial.signals) == [path.split()[0] for path in PATHS]
+
+
+def test_a_wrong_byte_outside_of_every_chunk_is_reported_although_no_tick_is_lost(file):
+    """Of the magic bytes, the header, a schema, a channel, the end of the data, the summary and the footer."""
+    last, size = file.chunks[-1][1], len(file.data)
+    places = [*range(33), *range(33, file.chunks[0][0], 5)]
+    if file.open is None:
+        places += [*range(last, last + 13), *range(size - 37, size)]
+    else:
+        places = places[:33]
+    for damage in damages(file, places, cycle(["bit", "flip"])):
+        assert check(file, *damage, thorough=False) in (set(), None)
+        trial = runtime.load(file.path)
+        assert not trial.complete and not trial.unfinished or file.open is None and not file.must_be_reported(damage[1])
 
 
 @pytest.mark.soak
