@@ -276,7 +276,7 @@ class Guardian:
         """
         if self.shared.state not in ACTIVE:
             return
-        silent = now - self.shared.beat
+        silent = max(0, now - self.shared.beat)  # a tick may begin while this process waits for a processor
         if self.dead or self.shared.crashed:
             self.begin_stop("died", silent, now)
         elif self.shared.hung is not None:

@@ -342,6 +342,14 @@ def test_drives_are_stopped_at_once_and_the_cause_reported(deed, verdict):
     assert [wire.sent for wire in guardian.wires.values()] == [STOP] * 2
 
 
+def test_a_tick_that_begins_while_the_guardian_waits_for_a_processor_leaves_no_negative_silence():
+    def look(guardian, page):
+        guardian.dead = True
+        guardian.check_loop(page.beat - 1_000_000)
+
+    assert judged(look).verdict["silent"] == 0.0
+
+
 def test_finished_loop_is_not_stopped():
     guardian = judged(lambda guardian, shared: None)
     guardian.gone = True
