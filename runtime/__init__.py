@@ -7,8 +7,6 @@ import os
 import sys
 from contextlib import suppress
 
-from runtime.host.interrupts import interruptible
-
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -48,16 +46,20 @@ class _WholeImports:
             raise KeyboardInterrupt
         if isinstance(error, (EOFError, ValueError, TypeError, ImportError)):
             sys.pycache_prefix, prefix = os.devnull, sys.pycache_prefix  # the next import ignores all caches
-            from runtime.host.installation_check import damaged_cache
+            from runtime.host.installation_check import DAMAGED, damaged_cache
 
             sys.pycache_prefix = prefix
             damaged = damaged_cache(error)
             if damaged is not None:
-                raise ImportError(damaged) from None
+                raise ImportError(damaged, name=DAMAGED) from None
 
     def note(self, number: int, frame: object) -> None:
         """Note that a signal has come."""
         self.interrupted = True
+
+
+with _WholeImports():
+    from runtime.host.interrupts import interruptible
 
 
 @overload

@@ -320,7 +320,7 @@ def cached(folder, *words):
 
 CHANGES = ("cut", "a header", "zeros")
 MODULES = ("runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runtime/cli/run", "runtime/session/session")
-MODULES += ("graph/schedule", "graph/diagram", "shared")
+MODULES += ("graph/schedule", "graph/diagram", "runtime/host/interrupts", "shared")
 
 
 @pytest.mark.parametrize(

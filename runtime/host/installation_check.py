@@ -15,6 +15,7 @@ from pathlib import Path
 from runtime.host import working_folder
 
 BAD_INPUT = 2
+DAMAGED = "bytecode cache"  # `name` of an ImportError whose text is that of `damaged_cache`
 HERE = Path(__file__).parents[2]
 OLDEST_PYTHON = (3, 10)
 MODULES = {  # modules of required distributions whose names differ
@@ -160,6 +161,8 @@ def damaged_cache(error: BaseException) -> "str | None":
 
     A full disk leaves truncated caches, which Python neither rejects nor replaces.
     """
+    if getattr(error, "name", None) == DAMAGED:
+        return str(error)
     path = getattr(error, "path", None)  # of an ImportError, whose traceback has no frames of the import system
     trace, place = error.__traceback__, None
     while trace is not None:
