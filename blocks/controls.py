@@ -180,5 +180,5 @@ def declared(block: Any, taken: dict[str, Output]) -> tuple[dict[str, int], tupl
             if not low < high:
                 raise ValueError(f"{name}: the minimum must be below the maximum, got {low!r} and {high!r}")
             named[name] = kind
-            plan += [float(kind), float(CODES[code] if code in CODES else code), float(low), float(high)]
+            plan += [float(kind), float(code if isinstance(code, int) else CODES[code]), float(low), float(high)]
     return named, tuple(plan)

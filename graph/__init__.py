@@ -76,4 +76,4 @@ def _repr_svg_(diagram: Diagram) -> str:
     return svg(draw(diagram))
 
 
-setattr(Diagram, "_repr_svg_", _repr_svg_)  # here, because the drawing imports Diagram
+setattr(Diagram, "_repr_svg_", _repr_svg_)  # noqa: B010  # here, because the drawing imports Diagram

@@ -19,7 +19,7 @@ from graph.diagram import Diagram
 from graph.held_checks import check_held
 from graph.interval import Interval
 from graph.ranges import find_ranges, interval_of
-from graph.reach import ReachCheck
+from graph.reach import check_reach
 from graph.schedule import Proof, Schedule
 from graph.signal import Signal
 
@@ -138,11 +138,6 @@ def prove_command(compilation: Compilation, block: Actuator, name: str, limit: I
             compilation.where(block, name),
             hints.for_limit(block, source, name, unit, limit, interval),
         )
-
-
-def check_reach(compilation: Compilation) -> None:
-    """Check setpoints against the limits of the joints and drives (graph.reach)."""
-    ReachCheck(compilation)
 
 
 def prepare(compilation: Compilation) -> None:

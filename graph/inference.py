@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from graph import units
@@ -55,7 +56,7 @@ def infer_shapes(
         shape = source.declaration.shape
         return free.get(source.block) if shape is ... else shape
 
-    def visit(block):
+    def visit(block, allow_scalar):
         if block in free:
             return False
         shapes = [shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...]
@@ -68,7 +69,7 @@ def infer_shapes(
     has_arrays = any(shape_of(source) for source in sources.values())
     # an array at any input determines the shape; scalars only without one
     for allow_scalar in (False, True) if has_arrays else (True,):
-        spread(blocks, sources, visit)
+        spread(blocks, sources, partial(visit, allow_scalar=allow_scalar))
 
     def shape_at(block, name, port):
         if port.shape is not ...:
@@ -118,7 +119,7 @@ def infer_units(
             else {}
         )
         changed = False
-        for name, port in block.outputs.items():
+        for name in block.outputs:
             if known[block, name] == units.ANY:
                 known[block, name] = own[name] if name in own else shared.get(block, units.ANY)
                 changed = changed or known[block, name] != units.ANY

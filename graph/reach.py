@@ -64,31 +64,43 @@ class Value(NamedTuple):
     chosen: bool = False
 
 
-class ReachCheck:
+def check_reach(compilation: Compilation) -> None:
+    """Report the setpoints that a joint or its drive cannot reach.
+
+    compilation : Compilation after the range proof
+    """
+    reaches = {
+        block: reach
+        for block in compilation.blocks
+        if isinstance(block, Actuator) and (reach := compilation.attempt(block, block.reach))
+    }
+    if reaches:
+        SetpointCheck(compilation, reaches).run()
+
+
+class SetpointCheck:
     """Comparison of all setpoints of a diagram with the limits of its joints.
 
     compilation : Compilation after the range proof; receives the problems
+    reaches : {actuator: {output or command: Reach}}
     """
 
-    def __init__(self, compilation: Compilation) -> None:
+    def __init__(self, compilation: Compilation, reaches: dict[Actuator, dict[str, Reach]]) -> None:
         self.blocks, self.sources, self.wires = compilation.blocks, compilation.sources, compilation.wires
         self.units, self.shared_units, self.ranges = compilation.units, compilation.shared_units, compilation.ranges
         self.attempt = compilation.attempt
         self.unproved = {(proof.path, proof.port) for proof in compilation.proofs if not proof.holds}
         self.report = compilation.report
-        self.reaches = {
-            block: reach
-            for block in self.blocks
-            if isinstance(block, Actuator) and (reach := self.attempt(block, block.reach))
-        }
-        if not self.reaches:
-            return
+        self.reaches = reaches
         self.followers = followers_of(self.sources)
         self.in_drive = self.while_measuring(compilation.order, lambda reach: reach.drive)
         self.in_joint = self.while_measuring(compilation.order, lambda reach: reach.joint or reach.drive)
         self.fed = self.find_fed()
         self.leads = self.find_leads()
-        self.reported = set()
+        self.reported: set[tuple[Block, str, str]] = set()
+
+    def run(self) -> None:
+        """Report every setpoint outside its limits."""
         for block in self.blocks:
             if not isinstance(block, (Device, Sink)):
                 self.look_beside_measurements(block)
@@ -146,7 +158,7 @@ class ReachCheck:
     def find_leads(self) -> dict[Signal, dict[tuple[Actuator, str], None]]:
         """Return {Signal: {(actuator, input)}} for the signals that reach a command in one unit."""
         leads = {}
-        for actuator, reach in self.reaches.items():
+        for actuator in self.reaches:
             for name in actuator.inputs:
                 unit = self.units[actuator, name]
                 waiting, seen = deque([(actuator, name)]), set()

@@ -102,6 +102,7 @@ class WithoutValue:
         if name in ARITHMETIC and method == "__call__" and not options:
             return ARITHMETIC[name](*(plain(operand) for operand in operands))
         self.reject(f"numpy.{name}", NUMPY.get(name, FUNCTION))
+        return None
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
         """Reject a function of NumPy that is not a ufunc."""

@@ -206,7 +206,7 @@ def joints_of(wire: Wire) -> Any:
 def corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the points without those on a straight line."""
     kept = [points[0]]
-    for before, point, after in zip(points, points[1:], points[2:]):
+    for _before, point, after in zip(points, points[1:], points[2:]):
         if point != kept[-1] and not (kept[-1][0] == point[0] == after[0] or kept[-1][1] == point[1] == after[1]):
             kept.append(point)
     return [*kept, points[-1]]

@@ -91,7 +91,8 @@ def outline(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Lev
             find_rate_and_condition(inner, level, [b for b, c in lineage.items() if inner in c])
     for source, target, key, delayed in wires(diagram, taps):
         run(source, lineage[source.block], target, key, lineage[target], delayed)
-    for level, chain in {chain[i]: chain[:i] for chain in lineage.values() for i in range(1, len(chain))}.items():
+    above = {chain[i]: chain[:i] for chain in lineage.values() for i in range(1, len(chain))}
+    for level, chain in above.items():
         for signal in level.conditions[len(chain[-1].conditions) :]:
             run(signal, lineage[signal.block], level, ("enabled", signal.path), chain, False)
     for block, chain in lineage.items():

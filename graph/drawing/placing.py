@@ -31,7 +31,7 @@ def place(columns: Sequence[list[Node]], hops: Sequence[Hop]) -> None:
     for column in columns:
         stack(column, {node: 0.0 for node in column}, {})
     best, least = None, float("inf")
-    for turn in range(ROUNDS):
+    for _turn in range(ROUNDS):
         for only_left in (True, False, None):
             for column in columns if only_left in (True, None) else reversed(columns):
                 settle(column, pulls, only_left)

@@ -75,8 +75,7 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
 def draw_interval(data, port, numbers):
     if port.dtype == "bool":
         return data.draw(st.sampled_from([Interval(0.0, 0.0), Interval(1.0, 1.0), Interval(0.0, 1.0)]), label=port.name)
-    interval = data.draw(intervals(st.integers(-3, 10).map(float) if port.dtype == "int" else numbers), label=port.name)
-    return interval
+    return data.draw(intervals(st.integers(-3, 10).map(float) if port.dtype == "int" else numbers), label=port.name)
 
 
 def value_of(port, interval, shape, nan, dice):

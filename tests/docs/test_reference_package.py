@@ -132,8 +132,7 @@ def resolved(text):
     for module in FUNCTIONS:
         if hasattr(import_module(module), first):
             return getattr(import_module(module), first)
-    target = getattr(import_module(text.rpartition(".")[0]), rest[-1])
-    return target
+    return getattr(import_module(text.rpartition(".")[0]), rest[-1])
 
 
 def ports(kinds):

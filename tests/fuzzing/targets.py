@@ -8,6 +8,7 @@ import inspect
 import pkgutil
 import socket
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -558,10 +559,8 @@ def kernels():
     for info in pkgutil.walk_packages(cext.kernels.__path__, "cext.kernels."):
         for name, value in vars(importlib.import_module(info.name)).items():
             for kind in ("decode", "encode") if isinstance(value, Kernel) else ():
-                try:
+                with suppress(TypeError):  # a value of another kind
                     found[address(value, kind)] = info.name, name
-                except TypeError:  # of another kind
-                    pass
     return found
 
 

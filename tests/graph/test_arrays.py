@@ -82,9 +82,8 @@ def test_indices_are_those_of_numpy(index):
 def test_an_index_beyond_is_refused_where_it_is_written(index, words):
     from graph import DiagramError
 
-    with Diagram("d", rate=100):
-        with pytest.raises(DiagramError, match=words):
-            Source()()[index]
+    with Diagram("d", rate=100), pytest.raises(DiagramError, match=words):
+        Source()()[index]
 
 
 def test_an_index_round_trips_through_json():

@@ -301,9 +301,8 @@ def test_an_unused_block_is_a_warning_unless_everything_is_recorded():
 
 
 def test_a_block_that_enables_a_subsystem_is_used():
-    with Diagram("d", rate=100) as diagram:
-        with subsystem("assist", enabled=StepSource(name="switch")()):
-            Gain(name="lonely")(1.0)
+    with Diagram("d", rate=100) as diagram, subsystem("assist", enabled=StepSource(name="switch")()):
+        Gain(name="lonely")(1.0)
     assert [warning.path for warning in compile(diagram).warnings] == ["assist/lonely"]
 
 
@@ -360,9 +359,8 @@ def test_compiling_twice_gives_the_same_schedule():
 
 
 def test_parameters_of_native_blocks_have_their_slot():
-    with Diagram("d", rate=100) as diagram:
-        with subsystem("left"):
-            Impedance(stiffness=40.0)(0.0, 0.0)
+    with Diagram("d", rate=100) as diagram, subsystem("left"):
+        Impedance(stiffness=40.0)(0.0, 0.0)
     schedule = compile(diagram)
     assert schedule.arena[schedule.parameters["left/impedance.stiffness"]] == 40.0
     assert set(schedule.parameters) == {"left/impedance.stiffness", "left/impedance.damping"}

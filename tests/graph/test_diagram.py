@@ -98,9 +98,8 @@ def test_bus_names_are_checked_like_block_names(bus):
 
 
 def test_names_may_be_of_any_script():
-    with Diagram("Knie", rate=100) as diagram:
-        with subsystem("左"):
-            Gain(name="Verstärkung α")(Sine(name="σῆμα").y)
+    with Diagram("Knie", rate=100) as diagram, subsystem("左"):
+        Gain(name="Verstärkung α")(Sine(name="σῆμα").y)
     assert sorted(compile(diagram).signals) == ["左/Verstärkung α.y", "左/σῆμα.y"]
 
 
@@ -168,10 +167,8 @@ def test_a_diagram_may_be_left_and_entered_again_also_within_another():
 
 
 def test_an_exception_in_a_with_statement_closes_its_scope():
-    with pytest.raises(RuntimeError):
-        with Diagram("d", rate=100):
-            with subsystem("left"):
-                raise RuntimeError
+    with pytest.raises(RuntimeError), Diagram("d", rate=100), subsystem("left"):
+        raise RuntimeError
     assert Gain().diagram is None
 
 

@@ -149,7 +149,7 @@ class Silent(Block):
     u = Input("1", "input")
     y = Output("1", "the input")
 
-    def step(self, u):
+    def step(self, u):  # noqa: RET503  # returns nothing for other inputs
         if u <= 1.0:
             return u
 

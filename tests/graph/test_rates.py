@@ -71,9 +71,8 @@ def test_a_slow_block_sees_its_own_period():
 
 
 def test_nested_subsystems_multiply_their_rates():
-    with Diagram("d", rate=100):
-        with subsystem("a", every=2), subsystem("b", every=3):
-            assert Gain(every=2).every == 12
+    with Diagram("d", rate=100), subsystem("a", every=2), subsystem("b", every=3):
+        assert Gain(every=2).every == 12
 
 
 def test_the_schedule_lists_the_rate_transitions():
@@ -99,9 +98,8 @@ def test_rates_that_do_not_divide_are_refused():
 
 
 def test_a_device_runs_at_every_tick():
-    with Diagram("d", rate=100) as diagram:
-        with subsystem("slow", every=2):
-            CubeMars("AK80-9")(torque_command=0.0)
+    with Diagram("d", rate=100) as diagram, subsystem("slow", every=2):
+        CubeMars("AK80-9")(torque_command=0.0)
     assert complaint(diagram).code == "TW014"
 
 
@@ -159,16 +157,14 @@ def test_a_condition_that_is_nan_disables():
         def step(self):
             return float("nan")
 
-    with Diagram("d", rate=100) as diagram:
-        with subsystem("assist", enabled=Nan()()):
-            Gain(name="held")(StepSource(1.0, 1.0)())
+    with Diagram("d", rate=100) as diagram, subsystem("assist", enabled=Nan()()):
+        Gain(name="held")(StepSource(1.0, 1.0)())
     assert not trace(diagram, 3)["assist/held.y"].any()
 
 
 def test_the_range_of_a_slow_block_contains_its_initial_zero():
-    with Diagram("d", rate=100) as diagram:
-        with subsystem("assist", enabled=StepSource()()):
-            held = Gain()(StepSource(5.0, 6.0)())
+    with Diagram("d", rate=100) as diagram, subsystem("assist", enabled=StepSource()()):
+        held = Gain()(StepSource(5.0, 6.0)())
     compilation = Compilation(diagram)
     for check in (check_wires, check_shapes, check_rates, sort, prove):
         check(compilation)

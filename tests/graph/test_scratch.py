@@ -124,7 +124,7 @@ def test_stepping_and_running_give_identical_bits():
         SlewRate(7.0, name="slew")(Butterworth(order=3, cutoff=11.0, name="filter")(sine.y))
     schedule = compile(diagram)
     by_hand = []
-    for tick in range(50):
+    for _tick in range(50):
         u = diagram["sine"].step()
         by_hand.append((u, diagram["filter"].step(u)))
     program = Program(schedule)

@@ -226,7 +226,7 @@ def serve(descriptor):
                 continue
             request, files, _, _ = socket.recv_fds(requests, MESSAGE_LIMIT, FILES_LIMIT)
             if not request:
-                return
+                return None
             answers, *files = files
             pid = os.fork()
             if pid == 0:

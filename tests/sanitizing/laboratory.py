@@ -123,7 +123,7 @@ def build(kind, target):
 def environment_of(kind, reports):
     """Environment of a process with the sanitizer. reports : folder of its reports"""
     found = KINDS[kind]
-    environment = {
+    return {
         **os.environ,
         # and that of C++, whose exceptions the sanitizer looks for at the start
         "LD_PRELOAD": f"{path_of(KINDS[kind].library)} {path_of('libstdc++.so.6')}",
@@ -132,7 +132,6 @@ def environment_of(kind, reports):
         found.variable: f"{found.options}:log_path={reports}/report",
         "UBSAN_OPTIONS": f"print_stacktrace=1:log_path={reports}/report",
     }
-    return environment
 
 
 def run(kind, arguments):

@@ -31,7 +31,7 @@ class Engine(ABC):
     def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
         """Run trials and yield their rows as they end. Raises BadInput for an exception in user code."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027  # an engine without processes has nothing to end
         """End the processes of the engine."""
 
     def __enter__(self):

@@ -46,7 +46,7 @@ def resampled(trial: T, rate: float) -> T:
         )
     made = copy.copy(trial)
     made._recording = None
-    trial.rows  # all signals in one pass
+    trial.rows  # noqa: B018  # reads all signals in one pass
     made.tick = np.arange(int(first), int(last) + 1)
     made.time = made.tick / rate
     made.signals = {path: {**signal, "every": 1} for path, signal in trial.signals.items()}

@@ -175,10 +175,8 @@ class RecorderProcess(ChildProcess):
         """Wait for the process to end and kill it after `timeout` s. Returns how it ended."""
         if not self._over:
             self._over = True
-            try:
+            with suppress(OSError):
                 self._orders.close()
-            except OSError:
-                pass
             try:
                 self.wait(timeout)
             except subprocess.TimeoutExpired:

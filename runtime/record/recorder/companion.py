@@ -25,6 +25,7 @@ import json
 import select
 import socket
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from cext.recording.ring_batch import Batch
@@ -129,10 +130,8 @@ class Companion:
                     self._send({"rows": rows[first : first + ROWS_LIMIT]})
 
     def _send(self, message: dict[str, Any]) -> None:
-        try:
+        with suppress(OSError):  # it is behind, or has ended, which `look` reports
             self.socket.send(json.dumps(message).encode(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-        except OSError:  # it is behind, or has ended, which `look` reports
-            pass
 
     def parts(self) -> list[Any]:
         """Return the parts of the status line."""

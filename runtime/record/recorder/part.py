@@ -248,10 +248,8 @@ class Recording:
         path = next(path for path, other in self.services if other is service)
         self.services = [entry for entry in self.services if entry[1] is not service]
         problem = f"{path} stopped at {service.time or self.time:g} s: {reason(error)}"
-        try:
+        with suppress(Exception):  # the first failure is reported
             service.close()
-        except Exception:  # the first failure is reported
-            pass
         self.sinks[path] = {"failed": problem}
         self.files.update({file: ended(file) for file in service.files})
         self.problems.append(problem)
@@ -310,10 +308,8 @@ class Recording:
     def discard(self) -> None:
         """Remove all files and folders of this recording."""
         for _, service in self.services:
-            try:
+            with suppress(Exception):  # the file is removed below
                 service.discard()
-            except Exception:  # the file is removed below
-                pass
         for file in self.list_files():
             with suppress(FileNotFoundError):
                 os.unlink(file["path"])

@@ -9,6 +9,7 @@ import fcntl
 import os
 import stat
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import accumulate, count
 from pathlib import Path
 from typing import Any
@@ -48,10 +49,8 @@ def make_folder(path: str | os.PathLike[str]) -> list[str]:
         above = os.path.dirname(above)
     mode = 0o750 if made and is_shared(above) else 0o700
     for folder in made:
-        try:
+        with suppress(FileExistsError):  # created by another process
             os.mkdir(folder, mode)
-        except FileExistsError:  # created by another process
-            pass
     os.makedirs(path, exist_ok=True)
     return made
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from blocks.families import families
@@ -106,10 +107,8 @@ class Chips:
     def answering(self, outside: bool = False) -> list[int]:
         """Return the responding addresses on the open channel and the bus. outside : close all channels before"""
         if outside:
-            try:
+            with suppress(NoAnswer):
                 self.switch(0, 0)
-            except NoAnswer:
-                pass
         addresses = []
         for address in range(FIRST, LAST + 1):
             try:

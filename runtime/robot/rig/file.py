@@ -143,6 +143,7 @@ def _battery(table, problems):
     if isinstance(table, dict):
         return parse_battery(table, report)
     report(f"= {table!r}: expected a table", "write [battery], followed by its keys")
+    return None
 
 
 def _bus(name, table, problems):

@@ -82,7 +82,7 @@ class Board(Block):
         self.counts, self.end, self.written, self.runs = 2000, None, {}, False
 
     def step(self, tick):
-        for identifier, extended, data, *_ in self.end.receive():
+        for identifier, _extended, data, *_ in self.end.receive():
             kind, now = identifier >> 24 & 31, round(tick * self.dt * 1e9)
             index = struct.unpack("<H", data[:2])[0]
             self.runs = {3: True, 4: False}.get(kind, self.runs)

@@ -320,9 +320,8 @@ def test_two_sensors_on_one_line_are_rejected():
 def test_line_is_named_after_the_path_of_the_sensor():
     from graph import subsystem
 
-    with Diagram("robot", rate=RATE) as robot:
-        with subsystem("left"):
-            MicroStrain(name="shank_imu")
+    with Diagram("robot", rate=RATE) as robot, subsystem("left"):
+        MicroStrain(name="shank_imu")
     assert (
         compile(robot).buses == ["left/shank_imu"] and compile(robot).media == ["stream"] and not compile(robot).loads
     )

@@ -61,7 +61,7 @@ WIDTH, TAPS = 6, 3  # of the streaming network
 def streaming(path, *, seed=0, metadata=METADATA):
     """A streaming model: two convolutions over time, each with its last inputs as state."""
     nodes, weights = [], convolutions(seed)
-    for layer, (source, channels) in enumerate((("x", 3), ("h0", WIDTH))):
+    for layer, (source, _channels) in enumerate((("x", 3), ("h0", WIDTH))):
         nodes += [
             helper.make_node("Concat", [f"past{layer}", source], [f"all{layer}"], axis=2),
             helper.make_node("Slice", [f"all{layer}", "one", "end", "axis"], [f"past{layer}_next"]),

@@ -212,7 +212,7 @@ def test_queue_full_beyond_limit_is_reported_once_as_failure():
     while wire.end.send(1, b""):
         pass
     told = []
-    for tick in range(6):  # a tick receives, then sends
+    for _tick in range(6):  # a tick receives, then sends
         wire.end.receive()
         told.append(wire.can.trouble)
         wire.end.send(1, b"")

@@ -130,7 +130,7 @@ def test_request_left_incomplete_by_dead_process_blocks_no_other():
     dead = in_a_process(lambda: None)
     assert ended_well(dead)
     writer = Writer(rig.shared)
-    for number in range(ROOM):
+    for _number in range(ROOM):
         writer.set([(0, 64.0078125)])
     memory = mmap.mmap(rig.shared.fd, 0)
     posted, half = struct.pack("=Q", os.getpid() << 32 | 1 << 8 | 2), struct.pack("=Q", dead << 32 | 1 << 8 | 1)

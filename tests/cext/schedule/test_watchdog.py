@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -133,10 +134,8 @@ def forever():
 
 def deaf():
     """Does not let itself be broken off."""
-    try:
+    with suppress(KeyboardInterrupt):
         forever()
-    except KeyboardInterrupt:
-        pass
 
 
 HELD = threading.Lock()

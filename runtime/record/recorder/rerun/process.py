@@ -15,6 +15,7 @@ import os
 import select
 import socket
 import time
+from contextlib import suppress
 from struct import Struct
 from typing import Any
 
@@ -219,8 +220,6 @@ def quiet() -> None:
 
 def say(descriptor: int, message: dict[str, Any]) -> bool:
     """Send a message to the recorder, if it still runs. Returns True."""
-    try:
+    with suppress(OSError):  # the recorder has ended
         os.write(descriptor, json.dumps(message).encode() + b"\n")
-    except OSError:  # the recorder has ended
-        pass
     return True

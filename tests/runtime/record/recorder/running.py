@@ -106,12 +106,11 @@ def leg():
             knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
             knee(torque_command=1.0)
         CsvRecorder()
-    with Diagram("wearer", rate=1000) as plant:
-        with subsystem("left"):
-            drive = diagram["left/knee"].emulator()
-            limb = Limb()
-            limb(torque=drive.torque)
-            drive(position=limb.position, velocity=limb.velocity)
+    with Diagram("wearer", rate=1000) as plant, subsystem("left"):
+        drive = diagram["left/knee"].emulator()
+        limb = Limb()
+        limb(torque=drive.torque)
+        drive(position=limb.position, velocity=limb.velocity)
     return diagram, plant
 
 

@@ -58,7 +58,7 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
     terminal.wait_for("not armed again, the cause persists: left/knee: a command is NaN or infinite")
     terminal.wait_for("waiting .* r arms again, space ends")
     bus.listen(1.5)  # until tick 300 has passed
-    assert not bus.commands(1)[-1].data == ENABLE and set(between(bus, 1)) <= {NOTHING, DISABLE}
+    assert bus.commands(1)[-1].data != ENABLE and set(between(bus, 1)) <= {NOTHING, DISABLE}
     terminal.press(b"r")
     terminal.wait_for("arming again at tick")
     bus.await_torque()

@@ -26,10 +26,8 @@ class SocketWire(Wire):
         return self.socket.fileno()
 
     def receive(self):
-        try:
+        with suppress(BlockingIOError):
             self.kept += self.socket.recv(1 << 16)
-        except BlockingIOError:
-            pass
         frames, self.kept = self.kept[:FRAMES_AT_ONCE], self.kept[FRAMES_AT_ONCE:]
         return [(byte, b"", time.monotonic_ns()) for byte in frames]
 

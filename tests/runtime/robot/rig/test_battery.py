@@ -161,6 +161,7 @@ def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
         return require_supply(rig.battery, diagram, rig.path)
     with pytest.raises(RigError, match=r"TW137 .*: \[battery\] of up to 29.4 V exceeds the supply range of knee, 16"):
         require_supply(rig.battery, diagram, rig.path)
+    return None
 
 
 @pytest.mark.hazard("H14a")

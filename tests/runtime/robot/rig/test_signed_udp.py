@@ -5,6 +5,7 @@ import hmac
 import os
 import socket
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -108,10 +109,8 @@ class SignedButton(Button):
         frame = CAN_FRAME.pack(0x100, 2, bytes([self.counter % 256, 0x00 if self.pressed else 0x5A]))
         self.sent.append(self.signer.datagram(frame))
         self.socket.sendto(self.sent[-1], self.address)
-        try:
+        with suppress(BlockingIOError):
             self.signer.note(self.socket.recv(100, socket.MSG_DONTWAIT))
-        except BlockingIOError:
-            pass
 
 
 @pytest.fixture
