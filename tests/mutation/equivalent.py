@@ -67,4 +67,15 @@ EQUIVALENT = {
     "runtime/robot/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
     "self.damped.values()), default=0) -> "
     "self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=1)": "1 ns more",
+    "cext/kernels/limits.pxd toward: return previous + (most if change > 0.0 else -most) - zero "
+    "-> return previous + (most if change > 0.0 else -most) + zero": "zero is 0 or NaN",
+    "cext/kernels/devices/drive_law.pxd keep_inside: if fabs(torque) > limit: "
+    "-> if fabs(torque) >= limit:": "the limit is the same then",
+    "cext/schedule/buses.pyx send: store_i32_in_order(&self.layout.sending, 1) "
+    "-> store_i32_in_order(&self.layout.sending, 2)": "any value but 0 is true",
+    "cext/schedule/safe_stop.pyx send: if disabling and since < self.longest_damping and "
+    "holds_relay(self.table, self.buses, device, now): -> "
+    "if disabling and since <= self.longest_damping and "
+    "holds_relay(self.table, self.buses, device, now):": "by a nanosecond",
+    "cext/schedule/foreign_commands.pxd commanded_device: return -1 -> return -2": "a negative number is no device",
 }
