@@ -19,8 +19,6 @@ import signal
 import pytest
 from hypothesis import settings
 
-from tests.golden import Golden
-
 TESTS_BETWEEN_COLLECTIONS = 40
 FULL_COLLECTION_INTERVAL = 20  # collections
 finished = 0
@@ -40,6 +38,8 @@ def pytest_addoption(parser):
 
 @pytest.fixture(scope="session")
 def golden(request):
+    from tests.golden import Golden
+
     return Golden(request.config.getoption("rewrite"))
 
 
