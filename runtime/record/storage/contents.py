@@ -16,6 +16,7 @@ from runtime.record.storage.json_text import parsed_json
 from runtime.record.storage.mcap_file import CHUNK_HEAD, HEAD, INDEX
 from runtime.record.storage.metadata import describes_signals
 from runtime.record.storage.records import (
+    ATTACHMENT,
     ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK_INDEX,
@@ -138,6 +139,8 @@ def summarised(stream: Any, size: int) -> Contents | None:
             if entry.offset + entry.length > size:
                 continue
             contents.attachments.append((entry.offset, entry.length))
+            if os.pread(stream.fileno(), HEAD.size, entry.offset) != HEAD.pack(ATTACHMENT, entry.length - HEAD.size):
+                contents.damages.append(differing(entry.offset, entry.offset + HEAD.size))
             if entry.name in ATTACHMENTS:
                 data = os.pread(stream.fileno(), entry.length, entry.offset)
                 try:
@@ -201,7 +204,12 @@ def unconfirmed(data: bytes, at: int, copies: set[bytes]) -> list[str]:
         place += len(record)
     if place == len(data):
         return []
-    return [f"is damaged: its bytes {at + place} to {at + len(data) - 1} are not those that its summary describes"]
+    return [differing(at + place, at + len(data))]
+
+
+def differing(begin: int, end: int) -> str:
+    """Return the damage of bytes that the summary of a file does not confirm. begin, end : of the bytes"""
+    return f"is damaged: its bytes {begin} to {end - 1} are not those that its summary describes"
 
 
 def is_confirmed(kind: int, record: bytes, copies: set[bytes]) -> bool:

@@ -21,6 +21,7 @@ from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.record.analysis.picture import broken
 from runtime.record.recorder.part import Recording
 from runtime.record.storage import mcap_file, read_ahead
+from runtime.record.storage.mcap_file import HEAD
 from runtime.record.storage.messages import ROW_END
 from runtime.record.storage.records import LIBRARY
 from tests.runtime.record.recorder.running import CSV, columns, frame, plan, row, sink
@@ -137,7 +138,7 @@ class File:
         self.open = None
         contents = trial.file.readers[0].contents
         # a wrong byte is corrected in an attachment, and may have no effect in compressed messages
-        self.tolerant = [(begin, begin + size) for begin, size in contents.attachments]
+        self.tolerant = [(begin + HEAD.size, begin + size) for begin, size in contents.attachments]
         self.tolerant += [(chunk.begin, chunk.begin + chunk.length) for chunk in contents.chunks if chunk.compression]
 
     def must_be_reported(self, at):
@@ -259,7 +260,7 @@ def test_a_wrong_byte_of_the_metadata_is_corrected_by_their_checksum(file):
 def test_a_wrong_byte_outside_of_every_chunk_is_reported_although_no_tick_is_lost(file):
     """Of the magic bytes, the header, a schema, a channel, the end of the data, the summary and the footer."""
     last, size = file.chunks[-1][1], len(file.data)
-    places = [*range(33), *range(33, file.chunks[0][0], 5)]
+    places = [*range(42), *range(42, file.chunks[0][0], 7)]
     if file.open is None:
         places += [*range(last, last + 13), *range(size - 37, size)]
     else:
