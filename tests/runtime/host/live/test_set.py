@@ -1,5 +1,6 @@
 """`set PID`: another process changes live parameters of a run, or receives the reason for a refusal."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -80,6 +81,8 @@ def test_process_that_is_not_a_run_lists_running_ones(run, command_line):
             assert said.startswith(f"process {pid} {trouble}; runs are ") and f"{run.pid} (springs)" in said
         assert run.pid in runs() and stranger.pid not in runs()
         stranger.kill()
+    gc.unfreeze()  # see tests/conftest.py
+    gc.collect()  # shared states of earlier tests of this process
     for text in (b"{}", b"[1]", b"\0", b"null"):
         shared = SharedState(4096, live=(1, text))
         said = command_line.refused("set", 2**22 + 1)
