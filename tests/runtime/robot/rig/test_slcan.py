@@ -138,8 +138,8 @@ def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
         # 1 Mbit/s; open; and closed at the end
         assert "S8" in adapter.said and "O" in adapter.said and adapter.said[-1] == "C"
         told = after_asking([data for _, data in adapter.frames])
-        assert told[0] == ENABLE and adapter.torque() and told[-2:] == [NOTHING, DISABLE] and len(told) > 130
-        assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
+        assert told[0] == ENABLE and adapter.torque() and told[-2:] == [NOTHING, DISABLE]
+        assert "confirmed by knee" in out and len(told) > 0.9 * int(re.search(r"(\d+) of 140 done", out)[1]), out
 
 
 @pytest.mark.hazard("H7a")
