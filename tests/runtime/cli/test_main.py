@@ -465,10 +465,21 @@ def test_a_result_that_standard_output_does_not_take_is_an_error(tmp_path, words
 
 
 @pytest.mark.parametrize("words", RESULTS.values(), ids=RESULTS)
-@pytest.mark.parametrize("to", ["| head -c 1", ">&-"], ids=["a pipe that is closed early", "a closed stream"])
-def test_an_output_that_nothing_reads_is_no_error(tmp_path, words, to):
+def test_an_output_whose_reader_ends_early_is_no_error(tmp_path, words):
+    """As with `| head -c 1`."""
     knee(tmp_path)
-    command = f"set -o pipefail; {sys.executable} -m runtime {' '.join(words)} {to}"
+    process = started(*words, cwd=tmp_path)
+    process.stdout.buffer.raw.read(1)
+    process.stdout.close()
+    error = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(60), error) == (OK, "")
+
+
+@pytest.mark.parametrize("words", RESULTS.values(), ids=RESULTS)
+def test_a_closed_standard_output_is_no_error(tmp_path, words):
+    knee(tmp_path)
+    command = f"{sys.executable} -m runtime {' '.join(words)} >&-"
     process = subprocess.run(["bash", "-c", command], cwd=tmp_path, env=environment(), capture_output=True, timeout=60)
     assert (process.returncode, process.stderr) == (OK, b"")
 
