@@ -94,15 +94,22 @@ def test_cimports_are_imports():
 # Inside a package its folders have an order, too: each imports only those before it. Modules of a folder itself, such
 # as runtime.host.errors, are before its folders.
 
-ORDER = {
-    "cext": ("clock", "bus", "ring", "lines", "kernels", "fused", "memory", "recording", "safety", "schedule"),
-    "runtime": ("host", "robot", "record", "session", "experiments", "setup", "cli"),
-    "runtime/host": ("console", "live", "machine"),
-    "runtime/robot": ("guardian", "rig", "loading", "emulation"),
-    "runtime/record": ("storage", "analysis", "report", "recorder", "export"),
-    "runtime/experiments": ("studies", "optimisation"),
-    "runtime/setup": ("commissioning", "doctor", "bench", "laboratory"),
-}
+
+def documented_order():
+    """{package: folders in order} of the tables in docs/explanation/tour.md."""
+    page, order = (ROOT / "docs" / "explanation" / "tour.md").read_text(), {}
+    for package in ("cext", "runtime"):
+        table = page.partition(f"| {package}/ | contents |")[2].partition("\n\n")[0]
+        rows = re.findall(r"^\| `(\w+)/` \| (.*) \|$", table, re.MULTILINE)
+        order[package] = tuple(name for name, _ in rows)
+        for name, contents in rows if package == "runtime" else ():
+            folders = tuple(re.findall(r"`(\w+)/`", contents))
+            if folders:
+                order[f"{package}/{name}"] = folders
+    return order
+
+
+ORDER = documented_order()
 
 
 def module_imports(path):

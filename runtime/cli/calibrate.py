@@ -87,7 +87,7 @@ def parts(text: str) -> tuple[str, ...]:
     names = tuple(word.strip() for word in text.split(","))
     unknown = next((word for word in names if word not in PARTS), None)
     if unknown is not None:
-        from graph.names import suggestion
+        from runtime.host.suggestions import suggestion
 
         raise BadInput(f"--only {unknown}: {suggestion(unknown, PARTS) or 'expected ' + ', '.join(PARTS)}")
     return names

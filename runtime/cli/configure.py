@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from blocks.families import families
 from graph import Device
 from graph.family import Request
-from graph.names import suggestion
 from runtime.cli.parsing import Parser, add_bus
 from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.suggestions import suggestion
 from runtime.robot.loading.file import compiled, load
 from runtime.robot.rig.file import parse, read
 from runtime.robot.rig.overrides import override

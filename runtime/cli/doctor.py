@@ -17,7 +17,7 @@ from runtime.host.errors import CHECK_FAILED, BadInput
 from runtime.host.errors import OK as FIT
 from runtime.host.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.host.machine.probe import PI, Machine
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.setup.doctor import examine
 from runtime.setup.doctor.script import script
 
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument(
         "--bitrate",
-        type=count("--bitrate", CLASSIC_CAN_BITRATE_LIMIT),
+        type=whole_number("--bitrate", CLASSIC_CAN_BITRATE_LIMIT),
         default=CLASSIC_CAN_BITRATE_LIMIT,
         metavar="BPS",
         help="bitrate of the CAN buses in bit/s (default: 1000000)",

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from blocks.families import example_models, families, find_model
 from runtime.cli.configure import drive_id
-from runtime.cli.parsing import Parser, add_bus, add_options, instance
+from runtime.cli.parsing import Parser, add_bus, add_options, fields_of, instance
 from runtime.cli.run import carried_out
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
-from runtime.host.options import TIME_LIMIT, number
+from runtime.host.options import TIME_LIMIT, number, option
 from runtime.record.report import summary
 from runtime.robot.rig.errors import RigError
 from runtime.session.request import Request
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from graph.family import Drive
+    from runtime.robot.rig.file import RigBus
+    from runtime.session.result import Result
 
 LIMIT_SHARE = 0.1  # default torque limit, share of the rated torque
 STIFFNESS_PER_LIMIT = 2.0  # 1/rad, default of --position
@@ -42,8 +45,96 @@ recording, and a safe stop at the end. Hold an emergency stop that cuts the powe
 """
 
 
+def finite(option: str, unit: str) -> Callable[[str], float]:
+    """Return a converter of texts to finite numbers, which raises BadInput.
+
+    option, unit : option and unit named in the message
+    """
+
+    def parse(text):
+        try:
+            number = float(text)
+        except ValueError:
+            number = float("nan")
+        if not abs(number) < float("inf"):
+            raise BadInput(f"{option} {text}: expected a number of {unit}")
+        return number
+
+    return parse
+
+
+def _target(flag: str, unit: str, letter: str, text: str) -> float | None:
+    return option(flag, default=None, group="target", type=finite(flag, unit), metavar=letter, help=text)
+
+
+def _positive(
+    flag: str, unit: str, letter: str, text: str, default: float | None = None, maximum: float = math.inf
+) -> Any:
+    return option(flag, default=default, type=number(flag, unit, maximum), metavar=letter, help=text)
+
+
+@dataclass(frozen=True)
+class Movement:
+    """Options of a movement."""
+
+    torque: float | None = _target("--torque", "N·m", "T", "torque in N·m")
+    position: float | None = _target("--position", "rad", "P", "position in rad from the zero of the drive")
+    velocity: float | None = _target("--velocity", "rad/s", "V", "velocity in rad/s")
+    limit: float | None = _positive("--limit", "N·m", "T", "torque limit in N·m (default: a tenth of the rated torque)")
+    duration: float = _positive("--duration", "seconds", "S", "duration in s (default: 5)", 5.0, TIME_LIMIT)
+    rise: float = _positive("--rise", "seconds", "S", "time in s from zero to the target, and back (default: 1)", 1.0)
+    speed: float = _positive("--speed", "rad/s", "V", "velocity toward a position in rad/s (default: 0.5)", 0.5)
+    stiffness: float | None = _positive(
+        "--stiffness", "N·m/rad", "K", "stiffness of a position in N·m/rad (default: twice the limit)"
+    )
+    damping: float | None = _positive(
+        "--damping", "N·m·s/rad", "B", "damping of a position or velocity in N·m·s/rad (default: from the limit)"
+    )
+    fastest: float = _positive("--fastest", "rad/s", "V", "velocity that ends the run, in rad/s (default: 10)", 10.0)
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code of the run."""
+    options = parse(arguments)
+    can_id = drive_id(options.can_id)
+    kind, target = target_of(options)
+    drive, model = model_of(options)
+    if kind not in drive.movements:
+        raise BadInput(f"--{kind}: {drive.block.__name__} is commanded with --{', --'.join(drive.movements)}")
+    limit = limit_of(options, model, kind, target)
+    bus = single_bus(options)
+    damping = limit * (VELOCITY_DAMPING_PER_LIMIT if kind == "velocity" else POSITION_DAMPING_PER_LIMIT)
+    settings = {
+        "block": drive.block.__name__,
+        "model": model.name,
+        "bus": bus.name,
+        "can_id": can_id,
+        "kind": kind,
+        "target": target,
+        "limit": limit,
+        **{name: getattr(options, name) for name in ("duration", "rise", "speed", "fastest", "rate")},
+        "stiffness": options.stiffness or STIFFNESS_PER_LIMIT * limit,
+        "damping": options.damping or damping,
+    }
+    if drive.wire is None:
+        check_law(model, settings)
+    rated = f" ({limit / model.rated:.0%} of rated)" if model.rated else ""
+    unbounded = kind not in drive.bounded
+    bound = "torque limited only by the settings of the drive" if unbounded else f"torque limit {limit:g} N·m{rated}"
+    print_lines(
+        [
+            f"{model.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
+            f"{bound}; the run ends beyond {options.fastest:g} rad/s",
+            "joint limits are not checked: only move an actuator that can turn freely",
+        ]
+    )
+    result = moved(options, bus, settings)
+    print_lines(summary.summary(result))
+    return summary.exit_code(result.outcome)
+
+
+def parse(arguments: Sequence[str]) -> Namespace:
+    """Parse the command line. Returns the options."""
     parser = Parser(
         "move",
         "Move one actuator: with a torque, to a position, or at a velocity, within small limits.",
@@ -52,58 +143,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("can_id", metavar="ID", help="CAN id of the drive; `scan` lists those that respond")
     add_bus(parser)
     add_model(parser, "model of the actuator in the vendor's spelling: {} (drives do not report it)")
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--torque", type=value("--torque", "N·m"), metavar="T", help="torque in N·m")
-    what.add_argument(
-        "--position", type=value("--position", "rad"), metavar="P", help="position in rad from the zero of the drive"
-    )
-    what.add_argument("--velocity", type=value("--velocity", "rad/s"), metavar="V", help="velocity in rad/s")
-    parser.add_argument(
-        "--limit",
-        type=number("--limit", "N·m"),
-        metavar="T",
-        help="torque limit in N·m (default: a tenth of the rated torque)",
-    )
-    parser.add_argument(
-        "--duration",
-        type=number("--duration", "seconds", TIME_LIMIT),
-        default=5.0,
-        metavar="S",
-        help="duration in s (default: 5)",
-    )
-    parser.add_argument(
-        "--rise",
-        type=number("--rise", "seconds"),
-        default=1.0,
-        metavar="S",
-        help="time in s from zero to the target, and back (default: 1)",
-    )
-    parser.add_argument(
-        "--speed",
-        type=number("--speed", "rad/s"),
-        default=0.5,
-        metavar="V",
-        help="velocity toward a position in rad/s (default: 0.5)",
-    )
-    parser.add_argument(
-        "--stiffness",
-        type=number("--stiffness", "N·m/rad"),
-        metavar="K",
-        help="stiffness of a position in N·m/rad (default: twice the limit)",
-    )
-    parser.add_argument(
-        "--damping",
-        type=number("--damping", "N·m·s/rad"),
-        metavar="B",
-        help="damping of a position or velocity in N·m·s/rad (default: from the limit)",
-    )
-    parser.add_argument(
-        "--fastest",
-        type=number("--fastest", "rad/s"),
-        default=10.0,
-        metavar="V",
-        help="velocity that ends the run, in rad/s (default: 10)",
-    )
+    add_options(parser, Movement, *fields_of(Movement))
     add_options(
         parser,
         Request,
@@ -113,62 +153,27 @@ def main(arguments: Sequence[str]) -> int:
         rate={"default": 200.0, "help": "ticks per second (default: 200)"},
         yes={"help": "arm without waiting for Enter"},
     )
-    options = parser.parse_args(arguments)
-    can_id = drive_id(options.can_id)
-    kind, target = target_of(options)
-    drive, model = model_of(options)
-    if kind not in drive.movements:
-        raise BadInput(f"--{kind}: {drive.block.__name__} is commanded with --{', --'.join(drive.movements)}")
-    limit = limit_of(options, model, kind, target)
-    unbounded = kind not in drive.bounded
-    bus = single_bus(options)
-    settings = {
-        "block": drive.block.__name__,
-        "model": model.name,
-        "bus": bus.name,
-        "can_id": can_id,
-        "kind": kind,
-        "target": target,
-        "limit": limit,
-        "duration": options.duration,
-        "rise": options.rise,
-        "speed": options.speed,
-        "fastest": options.fastest,
-        "rate": options.rate,
-        "stiffness": options.stiffness or STIFFNESS_PER_LIMIT * limit,
-        "damping": options.damping
-        or limit * (VELOCITY_DAMPING_PER_LIMIT if kind == "velocity" else POSITION_DAMPING_PER_LIMIT),
-    }
-    if drive.wire is None:
-        check_law(model, settings)
-    rated = f" ({limit / model.rated:.0%} of rated)" if model.rated else ""
-    bound = "torque limited only by the settings of the drive" if unbounded else (f"torque limit {limit:g} N·m{rated}")
-    print_lines(
-        [
-            f"{model.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
-            f"{bound}; the run ends beyond {options.fastest:g} rad/s",
-            "joint limits are not checked: only move an actuator that can turn freely",
-        ]
-    )
+    return parser.parse_args(arguments)
+
+
+def moved(options: Namespace, bus: RigBus, settings: Mapping[str, Any]) -> Result:
+    """Carry out the run of a movement. Returns its Result."""
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
         rig = Path(place) / "move.toml"  # only the bus: the diagram has no other devices
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
+        request = instance(
+            Request,
+            options,
+            file=Path(move.__file__),
+            rig=rig,
+            settings=[(name, str(text)) for name, text in settings.items()],
+            bitrate=None,
+            bench=True,
+        )
         try:
-            result = carried_out(
-                instance(
-                    Request,
-                    options,
-                    file=Path(move.__file__),
-                    rig=rig,
-                    settings=[(name, str(text)) for name, text in settings.items()],
-                    bitrate=None,
-                    bench=True,
-                )
-            )
+            return carried_out(request)
         except RigError as error:  # without the path of the temporary file
             raise BadInput("\n".join(map(str, error.problems))) from None
-    print_lines(summary.summary(result))
-    return summary.exit_code(result.outcome)
 
 
 UNITS = {"torque": "N·m", "position": "rad", "velocity": "rad/s"}
@@ -189,8 +194,8 @@ def add_model(parser: Parser, text: str) -> None:
     texts = {}
     for drive in (drive for family in families() for drive in family.drives if drive.option):
         texts.setdefault(drive.option, []).append(drive.help)
-    for option, lines in texts.items():
-        how.add_argument(f"--{option}", dest="option", action="store_const", const=option, help="; ".join(lines))
+    for name, lines in texts.items():
+        how.add_argument(f"--{name}", dest="option", action="store_const", const=name, help="; ".join(lines))
 
 
 def model_of(options: Namespace) -> tuple[Drive, Any]:
@@ -244,21 +249,3 @@ def check_law(model: Any, settings: Mapping[str, Any]) -> None:
     for name, highest in (("stiffness", model.wire_stiffness), ("damping", model.wire_damping)):
         if settings[name] > highest:
             raise BadInput(f"--{name} {settings[name]:g}: at most {highest:g} in the encoding of {model.name}")
-
-
-def value(option: str, unit: str) -> Callable[[str], float]:
-    """Return a converter of texts to finite numbers, which raises BadInput.
-
-    option, unit : option and unit named in the message
-    """
-
-    def parse(text):
-        try:
-            number = float(text)
-        except ValueError:
-            number = float("nan")
-        if not abs(number) < float("inf"):
-            raise BadInput(f"{option} {text}: expected a number of {unit}")
-        return number
-
-    return parse

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
 from runtime.host.console.terminal import print_lines, print_to_stderr, program
 from runtime.host.errors import OK, BadInput
-from runtime.host.options import count, number, settings
+from runtime.host.options import number, settings, whole_number
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -83,13 +83,13 @@ def main(arguments: Sequence[str]) -> int:
     own.add_argument("--optimiser", default="cma", metavar="NAME", help="cma (default), bayesian or random")
     own.add_argument(
         "--population",
-        type=count("--population", minimum=2),
+        type=whole_number("--population", minimum=2),
         metavar="N",
         help="evaluations of a generation (default: the optimiser's own)",
     )
     own.add_argument(
         "--generations",
-        type=count("--generations"),
+        type=whole_number("--generations"),
         default=GENERATIONS,
         metavar="N",
         help=f"number of generations (default: {GENERATIONS})",
@@ -103,14 +103,14 @@ def main(arguments: Sequence[str]) -> int:
     )
     own.add_argument(
         "--optimiser-seed",
-        type=count("--optimiser-seed", 2**53, 0),
+        type=whole_number("--optimiser-seed", 2**53, 0),
         default=0,
         metavar="N",
         help="seed of the optimiser and of the order of validation trials (default: 0)",
     )
     own.add_argument(
         "--validate",
-        type=count("--validate", minimum=0),
+        type=whole_number("--validate", minimum=0),
         default=0,
         metavar="N",
         help="at the end, measure the found and the initial parameters N times each, in random order (default: 0)",

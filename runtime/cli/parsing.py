@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from runtime.host.console.terminal import exit_code, print_lines, program
 from runtime.host.errors import BadInput
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.host.suggestions import unknown_option
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class Parser(argparse.ArgumentParser):
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 
-def add_options(parser: Parser, kind: type[Request], *names: str, in_sections: bool = False, **changes: Any) -> None:
+def add_options(parser: Parser, kind: type[Any], *names: str, in_sections: bool = False, **changes: Any) -> None:
     """Add options that the fields of a dataclass declare with runtime.host.options.option.
 
     names : names of the fields
@@ -126,7 +126,7 @@ def add_options(parser: Parser, kind: type[Request], *names: str, in_sections: b
         adder.add_argument(*(flags or [name]), **{**argument, **changes.get(name, {})})
 
 
-def fields_of(kind: type[Request]) -> list[str]:
+def fields_of(kind: type[Any]) -> list[str]:
     """Names of all fields that are options."""
     return [field.name for field in fields(kind) if field.metadata]
 
@@ -152,7 +152,7 @@ def add_bus(parser: Parser) -> None:
     )
     bus.add_argument(
         "--bitrate",
-        type=count("--bitrate"),
+        type=whole_number("--bitrate"),
         metavar="BPS",
         help="bitrate of the bus in bit/s (default: the present bitrate of the interface, or 1000000)",
     )

@@ -104,9 +104,9 @@ def stream(
     """Send sine waves, each signal at a frequency of its own."""
     from runtime.record.recorder.services.plotjuggler import PlotJugglerSender
 
-    sender = PlotJugglerSender(
-        {"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals}
-    )
+    plan: Any = {"name": name, "rate": rate}  # the keys that this service reads
+    sink: Any = {"path": "--dummy", "parameters": parameters, "columns": signals}
+    sender = PlotJugglerSender(plan, sink)
     sender.say = lambda line: print_lines([line])
     try:
         sender.open()

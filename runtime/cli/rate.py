@@ -14,7 +14,7 @@ from runtime.cli.parsing import Parser, add_options
 from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
-from runtime.host.options import count, number
+from runtime.host.options import number, whole_number
 from runtime.host.replaced_file import replaced
 from runtime.session.request import Request
 from runtime.setup.bench.rate.robot import ACTUATORS_LIMIT
@@ -176,7 +176,7 @@ def parse(arguments: Sequence[str]) -> Namespace:
 def span(text: str) -> tuple[int, int]:
     """Return (lowest, highest) of "8" or "1..8". Raises BadInput."""
     first, dots, last = text.partition("..")
-    read = count("--actuators", ACTUATORS_LIMIT)
+    read = whole_number("--actuators", ACTUATORS_LIMIT)
     low, high = read(first), read(last if dots else first)
     if low > high:
         raise BadInput(f"--actuators {text}: expected the lower number first")

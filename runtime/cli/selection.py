@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from runtime.host.errors import BadInput
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.record.analysis.conditions import conditions
 
 if TYPE_CHECKING:
@@ -35,7 +35,10 @@ def add(parser: Parser) -> None:
         "May be repeated: each is a condition",
     )
     parser.add_argument(
-        "--last", type=count("--last"), metavar="N", help="with --strides: the last N strides of each leg and condition"
+        "--last",
+        type=whole_number("--last"),
+        metavar="N",
+        help="with --strides: the last N strides of each leg and condition",
     )
     parser.add_argument(
         "--per-kg",

@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
             ]
         )
         totals = show(drive, f"actuator_{can_id}", options)
-    return ended(totals, f"{totals.answers} replies to {totals.asked} queries")
+    return print_totals(totals, f"{totals.answers} replies to {totals.asked} queries")
 
 
 def add_showing(parser: Parser) -> None:
@@ -123,7 +123,7 @@ def show(watched: Any, name: str, options: Namespace) -> StreamResult:
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 
 
-def ended(totals: StreamResult, text: str) -> int:
+def print_totals(totals: StreamResult, text: str) -> int:
     """Print the totals of a stream. Returns the exit code."""
     lost = f"; {totals.lost} datagrams were lost" if totals.lost else ""
     print_lines([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
@@ -176,7 +176,7 @@ def imu(arguments: Sequence[str]) -> int:
     finally:
         watched.close()
     print_lines(watched.summary())
-    return ended(totals, f"{totals.answers} rows")
+    return print_totals(totals, f"{totals.answers} rows")
 
 
 def node(kind: Node, arguments: Sequence[str]) -> int:
@@ -213,7 +213,7 @@ def node(kind: Node, arguments: Sequence[str]) -> int:
             [f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"]
         )
         totals = show(watched, watched.block.path, options)
-    return ended(totals, f"{totals.answers} rows")
+    return print_totals(totals, f"{totals.answers} rows")
 
 
 def i2c(arguments: Sequence[str]) -> int:
@@ -248,4 +248,4 @@ def i2c(arguments: Sequence[str]) -> int:
         print_lines(watched.summary())
     finally:
         watched.close()
-    return ended(totals, f"{totals.answers} rows")
+    return print_totals(totals, f"{totals.answers} rows")

@@ -14,7 +14,7 @@ from runtime.experiments.studies.run import journal_of, run
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted
 from runtime.host.errors import OK, BadInput
-from runtime.host.options import count as whole_number
+from runtime.host.options import whole_number
 
 EPILOG = """\
 example of a study:

@@ -65,7 +65,7 @@ def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str],
     return parse
 
 
-def count(option: str, maximum: float = math.inf, minimum: int = 1) -> Callable[[str], int]:
+def whole_number(option: str, maximum: float = math.inf, minimum: int = 1) -> Callable[[str], int]:
     """Return a converter of texts to whole numbers from `minimum` to `maximum`. It raises BadInput.
 
     option : its name for messages

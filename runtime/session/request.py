@@ -10,7 +10,6 @@ from runtime.host.errors import BadInput
 from runtime.host.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
 from runtime.host.options import (
     TIME_LIMIT,
-    count,
     folder,
     host_and_port,
     number,
@@ -18,6 +17,7 @@ from runtime.host.options import (
     processor,
     settings,
     trial_fields,
+    whole_number,
 )
 from runtime.record.report.timing import overrun_policy, spin_window
 from runtime.record.storage.mcap_file import ZSTD as COMPRESSION
@@ -107,7 +107,7 @@ class Request:
         "--seed",
         section=SIMULATION,
         default=None,
-        type=count("--seed", 2**53, 0),
+        type=whole_number("--seed", 2**53, 0),
         metavar="N",
         help="derive the seed of each noise source of robot and plant from N (default: their own seeds)",
     )
@@ -178,7 +178,7 @@ class Request:
         "--priority",
         section=TIMING,
         default=None,
-        type=count("--priority", PRIORITY_LIMIT),
+        type=whole_number("--priority", PRIORITY_LIMIT),
         metavar="N",
         help=f"priority of SCHED_FIFO, 1 to {PRIORITY_LIMIT} (default: {PRIORITY})",
     )
@@ -272,7 +272,7 @@ class Request:
         "--report",
         section=OUTPUT,
         default=None,
-        type=count("--report", minimum=3),
+        type=whole_number("--report", minimum=3),
         metavar="FD",
         help="for programs that start a run: write its files as a line of JSON to this file descriptor at the end",
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from runtime.host.options import count, number
+from runtime.host.options import number, whole_number
 
 if TYPE_CHECKING:
     from runtime.cli.parsing import Parser
@@ -33,7 +33,7 @@ def add_options(
     if repeats is not None:
         parser.add_argument(
             "--repeats",
-            type=count("--repeats"),
+            type=whole_number("--repeats"),
             default=repeats,
             metavar="N",
             help=f"alternating measurements of each row (default: {repeats})",

@@ -80,7 +80,7 @@ def heat_maps(study: Study, table: Columns, objectives: Sequence[str], parameter
     figure = picture.figure(0.6 + 1.3 * WIDTH * columns, 0.6 + 1.2 * HEIGHT * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     below, right = ([study.grid[name].index(value) for value in table[name]] for name in parameters)
-    low, high = (list(map(text_of, study.grid[name])) for name in parameters)
+    low, high = (list(map(label_of, study.grid[name])) for name in parameters)
     for objective, axis in zip(objectives, axes):
         values, cells = drawable(table[objective]), np.full((len(low), len(high)), np.nan)
         for cell in set(zip(below, right)):
@@ -121,12 +121,12 @@ def places_of(values: Sequence[object]) -> tuple[np.ndarray, list[str]]:
     """Return the positions of values on an axis, and their labels; no labels for numbers."""
     if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
         return np.array(values, float), []
-    texts = list(map(text_of, values))
+    texts = list(map(label_of, values))
     labels = list(dict.fromkeys(texts))
     return np.array([labels.index(text) for text in texts], float), labels
 
 
-def text_of(value: object) -> str:
+def label_of(value: object) -> str:
     """Return a value of a parameter as the label of an axis."""
     if isinstance(value, bool):
         return str(value).lower()

@@ -251,7 +251,7 @@ class Recording:
         with suppress(Exception):  # the first failure is reported
             service.close()
         self.sinks[path] = {"failed": problem}
-        self.files.update({file: ended(file) for file in service.files})
+        self.files.update({file: remark_on(file) for file in service.files})
         self.problems.append(problem)
         self.say(f"tickwork recorder: {problem}; the run continues")
 
@@ -285,7 +285,7 @@ class Recording:
                 self.write_sidecar(report)
             except OSError as error:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
-                self.files[self.sidecar] = ended(self.sidecar)
+                self.files[self.sidecar] = remark_on(self.sidecar)
                 report["files"] = self.list_files()
         return report
 
@@ -318,6 +318,6 @@ class Recording:
                 os.rmdir(folder)
 
 
-def ended(file: str) -> str:
+def remark_on(file: str) -> str:
     """Return the remark on a file that ended before the recording."""
     return files.INCOMPLETE if os.path.exists(file) else files.DELETED

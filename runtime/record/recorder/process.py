@@ -104,7 +104,7 @@ def main(answers: int, control: int, shared: int, keys: int, companion: int) -> 
         return
     name_process("tickwork-parts")
     record_parts(state, answers, orders, keys, companion, plan)
-    if ended(control):  # after the writer has seen it alive
+    if has_ended(control):  # after the writer has seen it alive
         end_marked(mark)
 
 
@@ -122,7 +122,7 @@ def record_parts(shared: SharedState, answers: int, orders: Control, keys: int, 
         if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports
             return
         checkpoint.cut_files(state)
-        again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(orders.pidfd)
+        again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not has_ended(orders.pidfd)
         causes.append(cause)
         plan, part, problem = successor(plan, part, state, cause, again, shared)
         Terminal().say(f"tickwork recorder: {problem}")
@@ -164,7 +164,7 @@ def described(error: BaseException) -> str:
     return " ".join((str(error) if isinstance(error, RecordingFailed) else name_and_text(error)).split())
 
 
-def ended(pidfd: int) -> bool:
+def has_ended(pidfd: int) -> bool:
     """Return whether the process of a pidfd has ended."""
     poll = select.poll()
     poll.register(pidfd, select.POLLIN)

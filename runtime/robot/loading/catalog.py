@@ -19,11 +19,11 @@ from blocks.families import families
 from cext.user_text import name_and_text
 from graph import Block, Device
 from graph.drawing.cards import class_card, documentation, summary, unit_text
-from graph.names import suggestion
 from graph.store import ENTRY_POINTS
 from runtime.host.console.styles import console_for, count
 from runtime.host.console.terminal import program
 from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
 
 if TYPE_CHECKING:
     from runtime.host.console.styles import Console

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cext.user_text import TEXT_LIMIT, bounded, repr_of
 from graph import Diagram, DiagramError, compile
 from graph.diagram import no_block_outside
-from graph.names import suggestion
 from graph.sha256 import sha256
 from runtime.host import diagram_folders
 from runtime.host.ending import Interrupted
 from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
 from runtime.robot.loading import hints
 from runtime.robot.loading.diagram_file import DiagramFile
 from runtime.robot.loading.overrides import set_block_parameters, share_out

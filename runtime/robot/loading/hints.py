@@ -17,8 +17,8 @@ from cext.user_text import text_of
 from graph import Actuator, Block, Diagram, Input, Param, Signal
 from graph.declarations import Declaration
 from graph.hints import usual_command
-from graph.names import suggestion
 from runtime.host.installation_check import damaged_cache
+from runtime.host.suggestions import suggestion
 
 ALIASES = {"np": "numpy as np", "pd": "pandas as pd", "plt": "matplotlib.pyplot as plt"}
 DISTRIBUTIONS = {  # {module: distribution} of libraries with another name

@@ -12,10 +12,10 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from graph import DiagramError, units
-from graph.names import suggestion
 from graph.sha256 import sha256
 from runtime.host.errors import BadInput
 from runtime.host.live import patterns
+from runtime.host.suggestions import suggestion
 
 if TYPE_CHECKING:
     from graph.block import Block

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from graph.names import suggestion
 from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from graph import Actuator
-from graph.names import suggestion
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
 
 if TYPE_CHECKING:

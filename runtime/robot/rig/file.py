@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from graph.names import suggestion
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.battery import Battery, parse_battery
 from runtime.robot.rig.bus import BITRATE_MAXIMUM, RigBus
 from runtime.robot.rig.errors import RigError, RigProblem
@@ -67,7 +67,7 @@ class RigFile:
 
 def read(path: str | Path) -> RigFile:
     """Read the rig file at a path. Raises RigError with every problem of the file."""
-    return parse(Path(path), text_of(Path(path)))
+    return parse(Path(path), read_text(Path(path)))
 
 
 def parse(path: str | Path, text: str) -> RigFile:
@@ -104,7 +104,7 @@ def parse(path: str | Path, text: str) -> RigFile:
     return RigFile(Path(path), text, named, devices, battery)
 
 
-def text_of(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Return the text of a rig file, with the line ends of Linux. Raises RigError."""
     if path.is_dir():
         raise RigError(path, [RigProblem("TW101", "is a folder", "pass a rig file, such as lab.toml")])

@@ -6,8 +6,8 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from graph.names import suggestion
 from runtime.host.machine.can import ARPHRD_CAN, bring_up
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused, RigProblem
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from graph import Device, DiagramError
-from graph.names import suggestion
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
 
 if TYPE_CHECKING:

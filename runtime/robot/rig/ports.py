@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graph.names import suggestion
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused, RigProblem
 from runtime.robot.rig.serial_port import holder, permission
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from cext.safety.thresholds import TRAVEL_MARGIN
 from graph import Actuator, Device
-from graph.names import suggestion
 from graph.signal import Signal
 from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

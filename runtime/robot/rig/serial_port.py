@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graph.names import suggestion
 from runtime.host.machine.ports import SERIAL
+from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused, RigProblem
 from runtime.robot.rig.udp import holder_of
 

@@ -12,12 +12,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from graph import dialogue
-from graph.names import suggestion
 from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
 from runtime.host.machine.can import ARPHRD_CAN
 from runtime.host.machine.probe import Machine
+from runtime.host.suggestions import suggestion
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.robot.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN

@@ -9,7 +9,7 @@ from typing import Any
 
 from runtime.host import replaced_file
 from runtime.host.errors import BadInput
-from runtime.robot.rig.file import parse, text_of
+from runtime.robot.rig.file import parse, read_text
 from runtime.setup.commissioning.bus import plain, quoted
 
 HEADER = re.compile(r"^\s*\[")
@@ -87,7 +87,7 @@ def write(path: str | Path, before: str, text: str) -> None:
     Raises BadInput if it has changed since it was read or cannot be written.
     """
     path = Path(path)
-    if text_of(path) != before:
+    if read_text(path) != before:
         raise BadInput(f"{path} has changed since it was read; nothing was written. Run the command again")
     try:
         newline = "\r\n" if b"\r\n" in path.read_bytes() else "\n"

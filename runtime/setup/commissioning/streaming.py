@@ -133,7 +133,7 @@ def sinks_of(
     rerun: str | None,
 ) -> list[Any]:
     """Return the sinks for the rows, not yet open. Arguments as for `stream`."""
-    plan = {
+    plan: Any = {  # the keys that these services read
         "name": name,
         "folder": folder,
         "stem": f"{name}_{time.strftime('%Y-%m-%d_%H-%M-%S')}",
@@ -141,26 +141,21 @@ def sinks_of(
         "virtual": False,
     }
     sinks, columns = [], [{**column, "index": index} for index, column in enumerate(drive.columns(name))]
+
+    def sink(path: str, columns: list[Any], **parameters: Any) -> Any:
+        return {"path": path, "parameters": parameters, "columns": columns}
+
     if folder is not None:
-        sinks.append(CsvWriter(plan, {"parameters": {}, "columns": columns}))
+        sinks.append(CsvWriter(plan, sink("csv", columns)))
     if plotjuggler is not None:
-        sinks.append(
-            PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": columns})
-        )
+        host, port = plotjuggler
+        sinks.append(PlotJugglerSender(plan, sink("plotjuggler", columns, host=host, port=port)))
     if rerun is not None:
         from runtime.record.recorder.rerun.target import PORT, WEB_PORT
         from runtime.record.recorder.services.rerun import RerunSender
 
-        sinks.append(
-            RerunSender(
-                plan,
-                {
-                    "path": "rerun",
-                    "parameters": {"target": rerun, "port": PORT, "web_port": WEB_PORT},
-                    "columns": in_subsystems(columns),
-                },
-            )
-        )
+        columns = in_subsystems(columns)
+        sinks.append(RerunSender(plan, sink("rerun", columns, target=rerun, port=PORT, web_port=WEB_PORT)))
         sinks[-1].say = lambda line: print_lines([line])
     return sinks
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from blocks.families import families
 from blocks.i2c import I2cDevice
 from graph import Device, Diagram
-from graph.names import suggestion
 from runtime.host.errors import BadInput
+from runtime.host.suggestions import suggestion
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.loading.overrides import parse_like
 from runtime.robot.rig.chips import KnownChips, NoAnswer, in_hex

@@ -6,7 +6,7 @@ import numpy as np
 
 from runtime.cli.bench.options import add_options
 from runtime.host.errors import BadInput
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.setup.bench.report import Report, machine, machine_lines, row, spread
 from tests.bench.parsing import parser_of
 
@@ -16,7 +16,7 @@ def measured(arguments: Sequence[str]) -> Report:
     parser = parser_of("can", "Measure the cost of eight drives per tick, and the replies lost from motors at 1000 Hz.")
     parser.add_argument(
         "--rounds",
-        type=count("--rounds"),
+        type=whole_number("--rounds"),
         default=4000,
         metavar="N",
         help="ticks in each of five chunks (default: 4000)",

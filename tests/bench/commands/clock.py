@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from runtime.cli.bench import clock
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.setup.bench.clock import CONTENDERS
 from runtime.setup.bench.report import Report
 from tests.bench import c_clock, costs, recorder_cost
@@ -17,7 +17,7 @@ def measured(arguments: Sequence[str]) -> Report:
     parser.prog = "python -m tests.bench clock"
     parser.add_argument(
         "--ticks",
-        type=count("--ticks"),
+        type=whole_number("--ticks"),
         default=10_000_000,
         metavar="N",
         help="ticks before memory is measured (default: 10 million)",

@@ -8,7 +8,7 @@ import numpy as np
 
 from runtime.cli.bench.options import add_options
 from runtime.host.errors import BadInput
-from runtime.host.options import count
+from runtime.host.options import whole_number
 from runtime.setup.bench.report import Report, machine, machine_lines, spread
 from tests.bench.parsing import parser_of
 
@@ -21,7 +21,7 @@ def measured(arguments: Sequence[str]) -> Report:
         "later of two drives.",
     )
     parser.add_argument(
-        "--kills", type=count("--kills"), default=200, metavar="N", help="runs of each case (default: 200)"
+        "--kills", type=whole_number("--kills"), default=200, metavar="N", help="runs of each case (default: 200)"
     )
     add_options(parser)
     options = parser.parse_args(arguments)
