@@ -8,12 +8,11 @@ from graph.arithmetic import stack
 from graph.block import Block, Sink
 from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
-from graph.device import (
-    Actuator,
+from graph.device import Actuator, Device
+from graph.device_data import (
     CommandReplies,
     DampedStop,
     Deviation,
-    Device,
     Motion,
     ReplyField,
     StopReply,

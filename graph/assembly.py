@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from graph.block import Block
     from graph.compilation import Compilation
     from graph.declarations import Output
-    from graph.device import DampedStop, Motion
+    from graph.device_data import DampedStop, Motion
 
 
 def assemble(compilation: Compilation) -> Schedule:

@@ -9,7 +9,8 @@ from graph.device import Actuator
 
 if TYPE_CHECKING:
     from graph.compilation import Compilation
-    from graph.device import Deviation, Device, TorqueBound
+    from graph.device import Device
+    from graph.device_data import Deviation, TorqueBound
 
 ACCEPT = "on a rig, arming requires --accept {}"
 

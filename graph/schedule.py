@@ -8,7 +8,7 @@ import numpy as np
 
 from cext.rules import Side
 from graph.arena_layout import KernelTable
-from graph.device import DampedStop, StopReply
+from graph.device_data import DampedStop, StopReply
 from graph.interval import Interval
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ class StreamDevice(Device):
     on_emulated_line = False  # whether its emulator is on a line, where a run sets it up
     encode = no_io.send_nothing
 
-    def __init_subclass__(cls, **options):
+    def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls.parameters = {name: param for name, param in cls.parameters.items() if name != "bus"} | {
             "bus": cls.parameters["bus"]

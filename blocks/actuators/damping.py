@@ -13,7 +13,7 @@ from cext.safety.thresholds import STOP_DAMP_ROUND
 from graph import DampedStop
 
 if TYPE_CHECKING:
-    from graph.device import ReplyField
+    from graph.device_data import ReplyField
 
 STEP = 1.1  # between the speeds of two bands
 BAND_LIMIT = 64  # bands

@@ -8,7 +8,7 @@ from blocks.actuators.damping import damped_stop
 from graph import Param, ReplyField, StopReply
 
 if TYPE_CHECKING:
-    from graph.device import DampedStop
+    from graph.device_data import DampedStop
 
 ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"

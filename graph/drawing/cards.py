@@ -19,7 +19,7 @@ from graph.signal import Signal
 if TYPE_CHECKING:
     from graph.compilation import Compilation
     from graph.declarations import Input, Output, Param
-    from graph.device import TorqueBound
+    from graph.device_data import TorqueBound
     from graph.diagnostics import Diagnostic
     from graph.interval import Interval
     from graph.schedule import Proof

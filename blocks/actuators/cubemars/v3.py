@@ -16,7 +16,7 @@ from cext.safety.thresholds import SCALE_TOLERANCE
 from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Output, Param, StopReply
 
 if TYPE_CHECKING:
-    from graph.device import DampedStop, Motion
+    from graph.device_data import DampedStop, Motion
 
 # no stiffness, no damping; position, velocity and torque in the middle of their ranges
 NOTHING = bytes.fromhex("0000007fff7ff7ff")

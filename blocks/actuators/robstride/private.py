@@ -29,7 +29,7 @@ from graph import (
 )
 
 if TYPE_CHECKING:
-    from graph.device import DampedStop
+    from graph.device_data import DampedStop
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
