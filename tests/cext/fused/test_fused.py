@@ -332,8 +332,10 @@ def test_the_stencils_are_those_that_clang_makes(target, monkeypatch):
 
 @pytest.mark.soak
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
-def test_the_text_of_every_kernel_is_plain_c(tmp_path):
+def test_the_text_of_every_fused_kernel_is_plain_c(tmp_path):
     for path, key, _ in kernels():
+        if module_of(path) in UNFUSED:  # the text lacks what it calls in another module
+            continue
         source = tmp_path / "kernel.c"
         source.write_text(HEADER + text_of(path.with_suffix(".c"), key.split()[1]))
         subprocess.run(["gcc", "-fsyntax-only", "-Werror=implicit-function-declaration", source], check=True)
