@@ -6,6 +6,7 @@ A failure to write never ends a run. If a result is lost on a full disk, its com
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import select
@@ -174,7 +175,7 @@ def write(lines: Iterable[object], stream: TextIO | None) -> None:
         _discard(stream)
         if stream is not sys.stderr:
             print_to_stderr([f"tickwork: cannot write to standard output: {error.strerror}"])
-            setattr(stream, LOST, True)
+            setattr(stream, LOST, error.errno != errno.EBADF)  # closed by a block, as a terminal can be
 
 
 def exit_code(code: int) -> int:
