@@ -21,7 +21,8 @@ CALLS = {
     "a loop in virtual time": "with runtime.connect(sys.argv[1]) as robot:\n    for tick in robot: pass",
     "steps": "sim = runtime.simulate(sys.argv[1])\nwhile True: sim.step()",
     "checks": "while True: runtime.check(sys.argv[1])",
-    "a study": 'runtime.study(sys.argv[1], 500.0, {"rms": {"function": "rms", "signal": "knee.position"}}, workers=2)',
+    "studies": "while True: runtime.study(sys.argv[1], 500.0, "
+    '{"rms": {"function": "rms", "signal": "knee.position"}}, workers=2)',
 }
 SLOW_LOOP = """
 with runtime.connect(sys.argv[1], fast=False, loop_timeout=20.0) as robot:
