@@ -83,11 +83,11 @@ def is_unbegun(reader: Reader) -> bool:
 
 
 def are_of_one_run(readers: list[Reader], second: Reader) -> bool:
-    """Return whether a part has the diagram, the signals and, if known, the start of the parts before it."""
+    """Return whether a part has the diagram, the signals and, where both are known, the start of those before it."""
     here, there = (
         (part.about.get("hash"), [signal["path"] for signal in part.about["signals"]]) for part in (readers[0], second)
     )
-    return here == there and (all(map(is_unbegun, readers)) or readers[0].began == second.began)
+    return here == there and len({part.began for part in (*readers, second) if not is_unbegun(part)}) < 2
 
 
 class Recording:
@@ -111,14 +111,14 @@ class Recording:
     def arrange(self) -> None:
         """Place the rows and frames of every part."""
         self.seams: list[Seam] = []
-        self.began = self.readers[0].began if len(self.readers) > 1 else 0
+        self.began = 0
+        if len(self.readers) > 1:
+            unbegun = [reader for reader in self.readers if is_unbegun(reader)]
+            self.began = next((reader for reader in self.readers if reader not in unbegun), self.readers[0]).began
+            for reader in unbegun:
+                reader.began = self.began
         for number in range(1, len(self.readers)):
-            second = self.readers[number]
-            if all(map(is_unbegun, self.readers[:number])):
-                self.began = second.began
-                for reader in self.readers[:number]:
-                    reader.began = self.began
-            self.seams.append(self.seam(number, second))
+            self.seams.append(self.seam(number, self.readers[number]))
 
     @property
     def end(self) -> Any:

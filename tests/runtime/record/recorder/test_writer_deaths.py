@@ -106,14 +106,21 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
     assert all_ended(session)
 
 
-def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path):
-    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, shared=SharedState(1 << 20), compression="none")
-    first, second = (tmp_path / f"killing{part}.mcap" for part in ("", "_part2"))
-    data, ticks = first.read_bytes(), Trial(second).tick.tolist()
-    begin = data.find(b'"begin"')  # on a busy machine the writer is killed before it has flushed that
-    first.write_bytes(data[: begin - 40] if begin >= 0 else data)
-    joined = Trial(first)
-    assert joined.parts[-1] == second and joined.tick.tolist() == ticks and len(ticks) > 0
+@pytest.mark.parametrize("unbegun", [(0,), (1,), (0, 1)])
+def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path, unbegun):
+    deaths = {150: signal.SIGKILL, 300: signal.SIGSEGV}
+    killed(tmp_path, deaths, virtual=False, shared=SharedState(1 << 20), compression="none")
+    parts = [tmp_path / f"killing{part}.mcap" for part in ("", "_part2", "_part3")]
+    ticks = []
+    for number, part in enumerate(parts):
+        data = part.read_bytes()
+        begin = data.find(b'"begin"')  # on a busy machine the writer is killed before it has flushed that
+        if number in unbegun and begin >= 0:
+            part.write_bytes(data[: begin - 40])
+        else:
+            ticks += [int(cells[1]) for cells in read_csv(part.with_suffix(".csv"))[1]]
+    joined = Trial(parts[0])
+    assert joined.parts == parts and joined.tick.tolist() == ticks and len(ticks) > 0
     assert [event["event"] for event in joined.events].count("begin") == 1
     assert joined.time[0] == pytest.approx(ticks[0] / 500, abs=0.1)
 
