@@ -2,7 +2,8 @@
 
 Each has the arguments, folder, environment, limits and files it is given, as one that is started, but is ready after
 20 ms instead of 350 ms. A new session is controlled by the terminal of its standard error. The guardian and the
-recorder of a forked run are forked from it. What depends on the start of the interpreter needs a `subprocess.Popen`.
+recorder of a forked run are started as ever: forked from it, a guardian was late on a busy machine. What depends on the
+start of the interpreter needs a `subprocess.Popen`.
 """
 
 import atexit
@@ -13,19 +14,14 @@ import os
 import resource
 import runpy
 import select
-import signal
 import socket
 import struct
 import subprocess
 import sys
 import termios
 import threading
-import traceback
 from contextlib import suppress
 from importlib import import_module
-from types import SimpleNamespace
-
-from runtime.host import child_process
 
 IMPORTED = (
     "PIL.GifImagePlugin",
@@ -122,54 +118,6 @@ class Forked(subprocess.Popen):
         return self.returncode
 
 
-class Descendant(subprocess.Popen):
-    """Popen of a Python with `-c` that this process forks, if it may have as many open files as that takes. The child
-    has the name of its module, shortened.
-    """
-
-    def _execute_child(self, words, *how):
-        if resource.getrlimit(resource.RLIMIT_NOFILE)[0] < FILES_LIMIT:
-            super()._execute_child(words, *how)
-            return
-        _, preexec_fn, _, pass_fds, cwd, environment, _, _, _, *pipes = how[:15]
-        assert preexec_fn is None and cwd is None and environment is None
-        p2cread, _, _, c2pwrite, _, errwrite = pipes
-        self.pid = os.fork()
-        if self.pid == 0:
-            files = [own if own != -1 else number for number, own in enumerate((p2cread, c2pwrite, errwrite))]
-            code = 1
-            try:
-                if how[20]:  # start_new_session
-                    os.setsid()
-                code = begin_anew(words[1:], [*files, *pass_fds], [0, 1, 2, *pass_fds])
-            finally:
-                os._exit(code)
-        self._child_created = True
-        self._close_pipe_fds(*pipes)
-
-
-def begin_anew(words, files, places):
-    """Do in a forked process what Python does that was started with these words. Returns its exit code."""
-    for number in signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}:
-        if callable(signal.getsignal(number)):
-            signal.signal(number, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    with open("/proc/self/comm", "w") as file:
-        file.write(words[2][-COMMAND_LIMIT:])
-    try:
-        carry_out(words, os.getcwd(), dict(os.environ), False, places, {}, files)
-        return 0
-    except SystemExit as error:
-        if isinstance(error.code, str):
-            print(error.code, file=sys.stderr)
-        return error.code if isinstance(error.code, int) else int(error.code is not None)
-    except BaseException:
-        traceback.print_exc()
-        return 1
-    finally:
-        sys.stdout.flush()
-
-
 class Server:
     """Process that has imported what a run imports. It ends with this process or after `close`."""
 
@@ -261,7 +209,6 @@ def end_quickly(program):
 
 def carry_out(words, folder, environment, start_new_session, places, limits, files):
     """Do what Python does that was started with these words, and these files under the numbers `places`."""
-    child_process.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": Descendant})
     if start_new_session:
         os.setsid()
     arrange(files, places)
