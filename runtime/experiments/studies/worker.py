@@ -15,8 +15,13 @@ def main(answers: int, control: int) -> None:
     answers : file descriptor of the pipe for rows
     control : pidfd of the process that runs the study; not used
     """
-    description = json.loads(sys.stdin.readline())
+    description = None
     for line in sys.stdin:
+        if not line.endswith("\n"):  # the process that runs the study was killed
+            return
+        if description is None:
+            description = json.loads(line)
+            continue
         data = json.dumps(answer(description, json.loads(line))).encode() + b"\n"
         try:
             while data:

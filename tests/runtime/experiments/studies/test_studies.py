@@ -1,6 +1,8 @@
 """Studies: trials in processes and in this one, their table, faults, errors, and studies that continue."""
 
 import re
+import subprocess
+import sys
 import warnings
 from types import SimpleNamespace
 
@@ -11,6 +13,7 @@ import runtime
 from runtime.experiments.studies import picture
 from runtime.experiments.studies.journal import Journal
 from runtime.host.errors import BAD_INPUT, OK, BadInput
+from tests.checkout import ROOT
 from tests.runtime.runs import KNEE_EXO
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -280,3 +283,10 @@ def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder,
         file.write("\n")
     (folder / "study.toml").write_text(STUDY + 'count = "costs_of_test:counted"\n')
     assert "differs in the diagram file" in command_line("study", "study.toml")[2]
+
+
+@pytest.mark.parametrize("sent", ["", '{"file', '{"file": "robot.py"}', '{"file": "robot.py"}\n{"par'])
+def test_a_worker_whose_study_was_interrupted_ends_without_a_word(sent):
+    code = "import os; from runtime.experiments.studies.worker import main; main(1, 0)"
+    worker = subprocess.run([sys.executable, "-c", code], input=sent, capture_output=True, text=True, cwd=ROOT)
+    assert (worker.returncode, worker.stdout, worker.stderr) == (0, "", "")
