@@ -123,17 +123,20 @@ def _is_importable(module):
 def required() -> "list[str]":
     """Return the names of the distributions that Tickwork requires on this Python.
 
-    They are in the metadata of its installation, and in pyproject.toml of a clone that this Python does not have
-    installed.
+    They are in pyproject.toml of a clone, and otherwise in the metadata of the installation, whose module takes as long
+    to import as the rest of this check.
     """
-    from importlib import metadata  # of Python 3.8
-
-    try:
-        requirements = metadata.requires("tickwork") or []
-    except metadata.PackageNotFoundError:
-        project = HERE / "pyproject.toml"
-        declared = re.search(r"(?ms)^dependencies = \[(.*?)^\]", project.read_text() if project.exists() else "")
+    project = HERE / "pyproject.toml"
+    if project.exists():
+        declared = re.search(r"(?ms)^dependencies = \[(.*?)^\]", project.read_text())
         requirements = re.findall('"([^"]+)"', declared.group(1)) if declared else []
+    else:
+        from importlib import metadata  # of Python 3.8
+
+        try:
+            requirements = metadata.requires("tickwork") or []
+        except metadata.PackageNotFoundError:
+            requirements = []
     names = []
     for requirement in requirements:
         name, _, marker = requirement.partition(";")

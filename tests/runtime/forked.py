@@ -65,7 +65,6 @@ READ_AT_START = ("LANG", "LC_", "MALLOC_", "OPENBLAS_", "PYTHON")  # starts of n
 STATUS = struct.Struct("i")
 MESSAGE_LIMIT = 1 << 17  # bytes
 FILES_LIMIT = 64
-COMMAND_LIMIT = 15  # bytes of the name of a process
 
 
 class Forked(subprocess.Popen):

@@ -6,7 +6,6 @@ import itertools
 import json
 import os
 import queue
-import re
 import socket
 import subprocess
 import sys
@@ -21,7 +20,7 @@ import numpy as np
 import runtime
 from runtime.record.storage.format import Frame
 from tests.blocks.actuators import reference
-from tests.runtime.forked import COMMAND_LIMIT, Forked, Server
+from tests.runtime.forked import Forked, Server
 
 ROOT = Path(__file__).resolve().parents[2]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
@@ -83,12 +82,6 @@ def environment(**more):
     return ours | {"PATH": path, "PYTHONPATH": str(ROOT), "LC_ALL": "C.UTF-8"} | more
 
 
-def in_stalls(printed):
-    """Grid points of a simulation in real time at which its time stood still, from the report of the run."""
-    found = re.search(r"^  stalls +(\d+) of the missed", printed, re.MULTILINE)
-    return int(found[1]) if found else 0
-
-
 def finished(*arguments, cwd, timeout=60, cold=False, limits=None, **more):
     """A run from beginning to end. Returns the CompletedProcess, with text. limits : of Forked"""
     with started(*arguments, cwd=cwd, cold=cold, limits=limits, env=environment(**more)) as process:
@@ -143,14 +136,11 @@ def writer_of(pid):
 
 
 def descendant(pid, word):
-    """Number of the process below another with a name, or a word in its command line; None where there is none.
-
-    word : also the module of a process that is forked (tests/runtime/forked.py)
-    """
+    """Number of the process below another with a name, or a word in its command line; None where there is none."""
     for child in below(pid):
         with suppress(OSError):
             words, name = (Path(f"/proc/{child}/{file}").read_bytes() for file in ("cmdline", "comm"))
-            here = word.encode() in words or name.strip() == word.encode()[-COMMAND_LIMIT:]
+            here = word.encode() in words or name.strip() == word.encode()
             if here and Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
                 return child
     return None

@@ -171,8 +171,9 @@ class Guardian:
                 self.successors.pop()[1].arming()
         elif now >= self.attend:
             self.attend = now + STOP_ROUND_MAXIMUM
+            taken = {bus for bus, _ in self.successors} & self.wires.keys()
             for device in self.devices:
-                if device["bus"] in dict(self.successors) and device["bus"] in self.wires:
+                if device["bus"] in taken:
                     for frame in device["zero"] + device["disable"]:
                         self.wires[device["bus"]].send(*frame)
 
@@ -282,8 +283,8 @@ class Guardian:
         elif self.shared.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
-        elif time_suspended(self.shared):
-            self.begin_stop("suspended", time_suspended(self.shared), now)
+        elif suspended := time_suspended(self.shared):
+            self.begin_stop("suspended", suspended, now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
