@@ -23,6 +23,7 @@ from graph.signal import Signal
 
 RAMP_TIME = 1.0  # s in which a live parameter without a slew crosses its range
 
+TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}  # texts of a bool
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 
 Shape: TypeAlias = tuple[int, ...] | EllipsisType
@@ -380,10 +381,9 @@ class Param(Declaration, Generic[T]):
     def parse(self, text: str) -> Any:
         """Parse command-line text, such as '40', '60 deg' or 'true'. Raises ValueError if it is not valid."""
         if self.dtype is bool:
-            truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-            if text.lower() not in truths:
+            if text.lower() not in TRUTHS:
                 raise ValueError(f"expected true or false, got {text!r}")
-            return truths[text.lower()]
+            return TRUTHS[text.lower()]
         if self.dtype is object:
             try:
                 return self.check(float(text))

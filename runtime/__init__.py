@@ -288,11 +288,11 @@ def check(
     with _WholeImports():
         from graph import Diagram
         from runtime.host.errors import BadInput
+        from runtime.host.options import pairs_of
         from runtime.session.check.report import check
         from runtime.session.check.text import Report
 
-    given: Any = settings
-    pairs = list(given.items() if hasattr(given, "items") else given)
+    pairs = pairs_of(settings)
     if isinstance(diagram, Diagram) and (pairs or rate is not None or rig is not None):
         raise BadInput("settings, rate and rig would change the Diagram: pass the function or the file that builds it")
     return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))
@@ -425,6 +425,9 @@ def optimise(
 
 def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):
     """Return the fields of a Study."""
+    with _WholeImports():
+        from runtime.host.options import pairs_of
+
     return {
         "diagram": diagram,
         "duration": duration,
@@ -432,7 +435,7 @@ def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, se
         "seeds": list(seeds),
         "samples": samples,
         "sample_seed": sample_seed,
-        "settings": dict(settings or {}),
+        "settings": dict(pairs_of(settings or ())),
         "grid": _plain_lists(grid or {}),
         "sample": {name: dict(given) for name, given in (sample or {}).items()},
         "objectives": dict(objectives) if hasattr(objectives, "items") else objectives,

@@ -118,6 +118,14 @@ def trial_fields(texts: Sequence[str]) -> dict[str, str]:
     return fields
 
 
+def pairs_of(given: Any) -> list[tuple[str, Any]]:
+    """Return the pairs (name, value) of an argument `settings`, a dict or pairs. Raises BadInput for another form."""
+    pairs = list(given.items() if hasattr(given, "items") else given)
+    if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
+        raise BadInput(f'settings={given!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
+    return pairs
+
+
 def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, str]]:
     """Return the pairs (name, value) of NAME=VALUE words, as texts.
 

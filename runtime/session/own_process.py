@@ -33,6 +33,7 @@ from runtime.host.errors import BAD_INPUT, CHECK_FAILED, BadInput
 from runtime.host.interrupts import show_as_line
 from runtime.host.live.requests import as_text
 from runtime.host.live.running import shared_state_of
+from runtime.host.options import pairs_of
 from runtime.host.suggestions import unknown_option
 from runtime.record.analysis.trial import Trial
 from runtime.session.request import Request
@@ -88,8 +89,7 @@ def process_of(file: Any, settings: Any, plant: Any = None, **options: Any) -> R
         options["record"] = "recordings"
     if options.get("rig") is not None and options.get("stop_for") is None:
         options["stop_for"] = float(STOP_UNATTENDED)  # s: a program may run without an operator
-    pairs = settings.items() if hasattr(settings, "items") else settings
-    arguments = [os.fspath(file), *words(pairs, options)]
+    arguments = [os.fspath(file), *words(pairs_of(settings), options)]
     return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes"))
 
 

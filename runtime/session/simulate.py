@@ -21,6 +21,7 @@ from runtime.host.errors import BadInput, RunFault
 from runtime.host.interrupts import interruptible, show_as_line
 from runtime.host.live.requests import as_text, changes_of
 from runtime.host.live.table import describe, parse
+from runtime.host.options import pairs_of
 from runtime.host.suggestions import suggestion
 from runtime.record.analysis.trial import Trial
 from runtime.record.report.fault import explain
@@ -96,10 +97,7 @@ class SimulatedRun:
             check_above_zero("rate", rate)
         if seed is not None and not isinstance(seed, numbers.Integral):
             raise BadInput(f"seed={seed!r}: expected a whole number")
-        given: Any = settings
-        pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
-        if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
-            raise BadInput(f'settings={settings!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
+        pairs = pairs_of(settings)
         self._lock, self._trial, self._keep_rows = threading.Lock(), None, keep_rows
         self._file = source(diagram, plant)
         self._own_rate = self._file.given.rate if self._file.given is not None else 0.0

@@ -11,8 +11,8 @@ from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from runtime.experiments.optimisation.parameters import Parameter
 from runtime.experiments.optimisation.protocol import Refused, Robot
 from runtime.host.errors import BadInput
-from runtime.host.live import patterns, table
-from runtime.host.live.requests import changes_of
+from runtime.host.live import table
+from runtime.host.live.requests import changes_of, parameters_of
 from runtime.host.live.sending import send
 
 if TYPE_CHECKING:
@@ -109,22 +109,19 @@ def matching(run_table: Table, parameter: Parameter) -> list[LiveParameter]:
     `profile.peak` is that parameter, or else `*/profile.peak` of every leg. Raises BadInput if there is none, if they
     are not floats, or if their bounds do not contain those of the optimisation.
     """
-    known = {live.path: live for live in run_table.parameters}
     name = parameter.name
-    paths = patterns.matching(name, known) or patterns.matching(f"*/{name}", known)
-    if not paths:
-        hint = patterns.hint(name, known) or "the live parameters are " + (", ".join(known) or "none")
-        raise BadInput(f"--over {name}: {run_table.name} has no live parameter {name!r}; {hint}")
-    for path in paths:
-        live = known[path]
+    found = parameters_of(run_table, name, f"--over {name}", otherwise=f"*/{name}")
+    for live in found:
         if live.dtype != "float":
-            raise BadInput(f"--over {name}: {path} is of type {live.dtype}; only numbers of type float are optimised")
+            raise BadInput(
+                f"--over {name}: {live.path} is of type {live.dtype}; only numbers of type float are optimised"
+            )
         if not (live.low <= parameter.low and parameter.high <= live.high):
             raise BadInput(
-                f"--over {name}={parameter.low:g}:{parameter.high:g}: the live range of {path}, for which the commands "
-                f"are proved, is {live.bounds}. Choose bounds within it, or change Live(...) in the diagram"
+                f"--over {name}={parameter.low:g}:{parameter.high:g}: the live range of {live.path}, for which the "
+                f"commands are proved, is {live.bounds}. Choose bounds within it, or change Live(...) in the diagram"
             )
-    return [known[path] for path in paths]
+    return found
 
 
 def with_initial(parameters: Iterable[Parameter], run_table: Table) -> list[Parameter]:

@@ -18,12 +18,22 @@ def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, 
 
     Raises BadInput if none matches or one cannot take the value.
     """
+    return [
+        (parameter, value_of(parameter, name, text)) for parameter in parameters_of(run_table, name, f"{name}={text}")
+    ]
+
+
+def parameters_of(run_table: Table, name: str, shown: str, otherwise: str = "") -> list[Parameter]:
+    """Return the live parameters that a name or pattern matches, or else another one. Raises BadInput without one.
+
+    shown : request for the message; otherwise : pattern to be tried after `name`
+    """
     known = {parameter.path: parameter for parameter in run_table.parameters}
-    paths = patterns.matching(name, known)
+    paths = patterns.matching(name, known) or patterns.matching(otherwise, known)
     if not paths:
-        hint = patterns.hint(name, known) or "the live parameters are " + ", ".join(known)
-        raise BadInput(f"{name}={text}: {run_table.name} has no live parameter {name!r}; {hint}")
-    return [(known[path], value_of(known[path], name, text)) for path in paths]
+        hint = patterns.hint(name, known) or "the live parameters are " + (", ".join(known) or "none")
+        raise BadInput(f"{shown}: {run_table.name} has no live parameter {name!r}; {hint}")
+    return [known[path] for path in paths]
 
 
 def as_text(value: Any) -> str:

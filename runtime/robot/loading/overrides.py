@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from graph import DiagramError, units
+from graph.declarations import TRUTHS
 from graph.sha256 import sha256
 from runtime.host.errors import BadInput
 from runtime.host.live import patterns
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 Settings = Sequence[tuple[str, Any]]  # name, and the value or its text
 Replaced = tuple[Any, str, Any]  # block, name of its parameter, value before
-TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 def share_out(file: DiagramFile, settings: Settings) -> None:
@@ -67,10 +67,8 @@ def share_out(file: DiagramFile, settings: Settings) -> None:
 
 def parameter_of_block(file: DiagramFile, name: str) -> str:
     """Return a suggestion of a parameter of a block for "stiffness" or "left/impedance/stiffness", or ""."""
-    diagram = getattr(file.module, "diagram", ())
-    known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
     wanted = "." + name.rpartition("/")[2]
-    matching = [path for path in known if path.endswith(wanted)]
+    matching = [path for path in places(getattr(file.module, "diagram", ())) if path.endswith(wanted)]
     return suggestion(name, matching) or (f"did you mean {matching[0]!r}?" if matching else "")
 
 
@@ -114,11 +112,15 @@ def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Repl
     """
     given: dict[Block, list[str]] = {}
     for name, value in settings:
-        for path in paths_of(diagram, name, value):
-            replaced = put(diagram, path, value)
-            given.setdefault(replaced[0], []).append(f"{path}={value}")
+        for block, parameter in places_of(diagram, name, value):
+            setting, earlier = f"{block.path}.{parameter}={value}", getattr(block, parameter, None)
+            try:
+                put_value(block, parameter, value, "--set")
+            except DiagramError as error:
+                raise refused(setting, error.diagnostics[0]) from None
+            given.setdefault(block, []).append(setting)
             if before is not None:
-                before.append(replaced)
+                before.append((block, parameter, earlier))
     for block, texts in given.items():
         try:
             block.reconfigure()
@@ -126,36 +128,25 @@ def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Repl
             raise refused(", ".join(texts), error.diagnostics[0], other_family(texts)) from None
 
 
-def paths_of(diagram: Diagram, name: str, value: Any) -> list[str]:
-    """Return the parameters that a setting sets. Raises BadInput."""
-    if not patterns.is_pattern(name):
-        return [name]
-    known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
+def places_of(diagram: Diagram, name: str, value: Any) -> list[tuple[Block, str]]:
+    """Return (block, name of a parameter) of what a setting sets. Raises BadInput without one."""
+    path, _, parameter = name.rpartition(".")
+    pattern = patterns.is_pattern(name)
+    if not pattern and path in diagram.blocks:
+        return [(diagram[path], parameter)]
+    known = places(diagram)
     matching = patterns.matching(name, known)
     if not matching:
-        hint = patterns.hint(name, known) or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"setting {name}={value}: {diagram.name} has no parameter that matches; {hint}")
-    return matching
+        missing = "parameter that matches" if pattern else f"block {path!r}"
+        near = patterns.hint(name, known) or ("" if pattern else suggestion(path, diagram.blocks))
+        hint = near or f"its blocks are {', '.join(sorted(diagram.blocks))}"
+        raise BadInput(f"setting {name}={value}: {diagram.name} has no {missing}; {hint}")
+    return [known[path] for path in matching]
 
 
-def put(diagram: Diagram, name: str, value: Any) -> Replaced:
-    """Set "left/impedance.stiffness" to a value or its text, without a call of `configure`.
-
-    Returns (block, parameter, value before). Raises BadInput.
-    """
-    path, _, parameter = name.rpartition(".")
-    if path not in diagram.blocks:
-        known = [f"{block.path}.{p}" for block in diagram for p in block.parameters]
-        near = suggestion(path, diagram.blocks)
-        hint = suggestion(name, known) or near or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"setting {name}={value}: {diagram.name} has no block {path!r}; {hint}")
-    block = diagram[path]
-    before = getattr(block, parameter, None)
-    try:
-        put_value(block, parameter, value, "--set")
-    except DiagramError as error:
-        raise refused(f"{name}={value}", error.diagnostics[0]) from None
-    return block, parameter, before
+def places(diagram: Iterable[Block]) -> dict[str, tuple[Block, str]]:
+    """Return {"left/impedance.stiffness": (block, name of its parameter)} of all parameters."""
+    return {f"{block.path}.{name}": (block, name) for block in diagram for name in block.parameters}
 
 
 def refused(setting: str, problem: Diagnostic, remedy: str = "") -> BadInput:
@@ -171,14 +162,9 @@ def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
     Returns [(block, "seed", value before)].
     """
     replaced: list[Replaced] = []
-    set_block_parameters(
-        diagram, [(f"{block.path}.seed", _seed_of(block, seed)) for block in _noise(diagram)], replaced
-    )
+    noise = [block for block in diagram if "seed" in block.parameters]
+    set_block_parameters(diagram, [(f"{block.path}.seed", _seed_of(block, seed)) for block in noise], replaced)
     return replaced
-
-
-def _noise(diagram: Diagram) -> list[Block]:
-    return [block for block in diagram if "seed" in block.parameters]
 
 
 def derived(seed: int, path: str) -> int:

@@ -84,18 +84,30 @@ def _unquoted(path, devices):
 
 
 def _changed(device, values, source):
-    """Set the valid values of a device; yield a RigProblem for each invalid one. source : path of the rig file"""
-    for name, value in values.items():
-        entry = f'[device."{device.path}"] {name}'
-        if name not in device.hardware:
-            known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
-            if name in device.parameters:
-                yield RigProblem("TW102", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
-            else:
-                yield RigProblem("TW102", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
-            continue
-        try:
-            device.set(name, value, source)
-        except DiagramError as error:
-            message = error.diagnostics[0].message.removeprefix(f"{name}: ")
-            yield RigProblem("TW102", f"{entry} = {value!r}: {message}", device.parameters[name].description)
+    """Set the values of a device together; return a RigProblem for each invalid one. source : path of the rig file"""
+    problems = [problem for name, value in values.items() if (problem := _put(device, name, value, source))]
+    if problems or not values:
+        return problems
+    try:
+        device.reconfigure()
+    except DiagramError as error:
+        entries = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+        hint = device.parameters[next(iter(values))].description if len(values) == 1 else ""
+        return [RigProblem("TW102", f'[device."{device.path}"] {entries}: {error.diagnostics[0].message}', hint)]
+    return []
+
+
+def _put(device, name, value, source):
+    """Set one value, without the rules of the device; return the RigProblem of an invalid one, else None."""
+    entry = f'[device."{device.path}"] {name}'
+    if name not in device.hardware:
+        known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
+        if name in device.parameters:
+            return RigProblem("TW102", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
+        return RigProblem("TW102", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
+    try:
+        device.put(name, value, source)
+    except DiagramError as error:
+        message = error.diagnostics[0].message.removeprefix(f"{name}: ")
+        return RigProblem("TW102", f"{entry} = {value!r}: {message}", device.parameters[name].description)
+    return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from graph import Device, Diagram
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.robot.guardian.lock import BusLock, BusTaken
-from runtime.robot.loading.overrides import parse_like
+from runtime.robot.loading.overrides import set_block_parameters
 from runtime.robot.rig.chips import KnownChips, NoAnswer, in_hex
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.i2c import I2cInterface, SeveralRefused, error_in_words, open_adapter
@@ -56,9 +56,12 @@ class WatchedChips(WatchedBlocks):
                 sensors = recognised(bus, places)
                 with Diagram("stream", rate=rate) as diagram:
                     for kind, place in sensors:
-                        _block(kind, place, bus.name, parameters_of(kind, sensors, channels, rate, settings))
+                        _block(kind, place, bus.name, parameters_of(kind, sensors, channels, rate))
                 blocks = [one for one in diagram if isinstance(one, I2cDevice)]
                 refuse_unknown_names(blocks, channels, settings)
+                for block in blocks:
+                    own = [(name, text) for name, text in settings if name in block.parameters]
+                    set_block_parameters(diagram, [(f"{block.path}.{name}", text) for name, text in own])
                 super().__init__(
                     diagram,
                     lambda block: [
@@ -178,11 +181,7 @@ def _block(kind: Any, place: tuple[int, int, int], bus: str, parameters: dict[st
 
 
 def parameters_of(
-    kind: Any,
-    sensors: Sequence[tuple[Any, tuple[int, int, int]]],
-    channels: Sequence[str],
-    rate: float,
-    settings: Iterable[tuple[str, str]],
+    kind: Any, sensors: Sequence[tuple[Any, tuple[int, int, int]]], channels: Sequence[str], rate: float
 ) -> dict[str, Any]:
     """Return the parameters of a block.
 
@@ -201,9 +200,6 @@ def parameters_of(
             given["bypass"] = sum("magnetometer" in other.parameters for other, _ in sensors) == 1
     if "channels" in kind.parameters and (own := tuple(name for name in channels if name in kind.channel_names)):
         given["channels"] = own
-    for name, text in settings:
-        if name in kind.parameters:
-            given[name] = parse_like(kind.parameters[name].default, name, text)
     return given
 
 

@@ -10,7 +10,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import SlewRate
 from graph import DiagramError
 from graph.signal_misuse import NUMPY, OPERATORS
-from runtime import load, optimise, run, study
+from runtime import check, load, optimise, run, study
 from runtime.host.errors import BadInput
 from tests.runtime.mistakes.in_blocks import BLOCKS
 from tests.runtime.mistakes.in_diagrams import OPERATIONS, PARAMETERS, WIRES
@@ -120,6 +120,9 @@ CALLS = {  # {expression: message of its exception}
     'run("knee.py", "10")': "duration='10': expected a finite number above 0",
     'run("knee.py", 1.0, rate="200")': "rate='200': expected a finite number above 0",
     'run("knee.py", 1.0, settings="impedance.stiffness=3")': "expected a dict, as in",
+    'run("knee.py", 1.0, settings=["impedance.stiffness"], fast=False)': "expected a dict, as in",
+    'check("knee.py", settings=["impedance.stiffness"])': "expected a dict, as in",
+    'study("knee.py", 1.0, {"x": len}, grid={"a": [1]}, settings=["stiffness"])': "expected a dict, as in",
     'run("knee.py", 1.0, settings={"impedance.stifness": 3})': "did you mean 'stiffness'?",
     'run("kneee.py", 1.0)': "file kneee.py does not exist: did you mean 'knee.py'?",
     'run(["knee.py"], 1.0)': "expected a Diagram, the path of a diagram file or a function that builds one",
@@ -162,7 +165,7 @@ def test_mistakes_in_calls_are_reported(folder):
     slew.step(0.0)
     trial = run("knee.py", DURATION)
     names = {"Butterworth": Butterworth, "Impedance": Impedance, "load": load, "run": run, "slew": slew, "trial": trial}
-    names |= {"optimise": optimise, "study": study}
+    names |= {"optimise": optimise, "study": study, "check": check}
     for expression, message in CALLS.items():
         with pytest.raises((BadInput, KeyError, TypeError)) as raised:
             eval(expression, names)

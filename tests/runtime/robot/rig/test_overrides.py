@@ -3,7 +3,7 @@
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.imus import OpenImu
+from blocks.imus import ICM20948, OpenImu
 from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
 from runtime.robot.rig.errors import RigError
@@ -181,6 +181,32 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
 )
 def test_rig_entry_that_does_not_match_diagram_is_reported(fitted, text, expected):
     assert troubles(fitted, text) == [expected]
+
+
+def sensors():
+    with Diagram("robot", rate=200) as diagram:
+        ICM20948(bus="trunk", name="imu")
+    return diagram
+
+
+TRUNK = '[bus.trunk]\ninterface = "i2c"\nchannel = "/dev/i2c-1"\n'
+
+
+def test_values_that_depend_on_each_other_are_set_together_in_any_order(fitted):
+    for entries in ("channel = 3\nmux = 0x70\n", "mux = 0x70\nchannel = 3\n"):
+        imu = fitted(f"{TRUNK}[device.imu]\n{entries}", sensors())["imu"]
+        assert (imu.mux, imu.channel) == (0x70, 3)
+
+
+@pytest.mark.parametrize(
+    "entries, shown", [("channel = 3", "channel = 3"), ("channel = 3\naddress = 0x68", "channel = 3, address = 104")]
+)
+def test_values_that_no_device_can_have_together_are_reported_together(fitted, entries, shown):
+    with pytest.raises(RigError) as caught:
+        fitted(f"{TRUNK}[device.imu]\n{entries}\n", sensors())
+    assert [problem.message for problem in caught.value.problems] == [
+        f'[device."imu"] {shown}: channel requires a multiplexer. Set its address, such as mux=0x70'
+    ]
 
 
 def test_all_mismatches_are_reported_together_and_nothing_is_applied(fitted):
