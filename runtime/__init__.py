@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of the working folder can shadow it
 import os
 import sys
-from contextlib import suppress
 
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
@@ -26,24 +24,13 @@ else:
         return function
 
 
-class _WholeImports:
-    """Delays Ctrl-C until imports are complete: within one, an exception may become another, or leave half a module.
-
-    An import that fails at a damaged bytecode cache raises an ImportError that names it.
-    """
+class _CheckedImports:
+    """Raises an ImportError that names a damaged bytecode cache at which an import within it fails."""
 
     def __enter__(self) -> None:
-        self.interrupted = self.delays = False
-        if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-            with suppress(ValueError):  # not the main thread, which alone gets signals
-                _signal.signal(_signal.SIGINT, self.note)
-                self.delays = True
+        pass
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if self.delays:
-            _signal.signal(_signal.SIGINT, _signal.default_int_handler)
-        if self.interrupted:
-            raise KeyboardInterrupt
         if isinstance(error, (EOFError, ValueError, TypeError, ImportError)):
             sys.pycache_prefix, prefix = os.devnull, sys.pycache_prefix  # the next import ignores all caches
             from runtime.host.installation_check import DAMAGED, damaged_cache
@@ -53,12 +40,8 @@ class _WholeImports:
             if damaged is not None:
                 raise ImportError(damaged, name=DAMAGED) from None
 
-    def note(self, number: int, frame: object) -> None:
-        """Note that a signal has come."""
-        self.interrupted = True
 
-
-with _WholeImports():
+with _CheckedImports():
     from runtime.host.interrupts import interruptible
 
 
@@ -84,7 +67,7 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
 
     Raises BadInput if there is no such recording.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.record.analysis.trials import load
 
     return load(path)
@@ -148,17 +131,17 @@ def run(
     shell. This holds for every function of this module, and within `with` of `simulate` and `connect`. In another
     thread, the run continues to its end.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.host.errors import BadInput
 
     if stop_for is not None:
         options["stop_for"] = stop_for
     if fast and rig is None:
-        with _WholeImports():
+        with _CheckedImports():
             from runtime.session.simulate import simulate
 
         if options:
-            with _WholeImports():
+            with _CheckedImports():
                 from runtime.session.own_process import check_names
 
             check_names(options)
@@ -170,7 +153,7 @@ def run(
         )
     if plant_signals:
         raise BadInput("plant_signals: only a run in virtual time records signals of the plant")
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.session import own_process
 
     return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
@@ -198,7 +181,7 @@ def simulate(
     Arguments, recorded signals and errors as in `run`. Any division into steps gives the signals of one `run`, bit for
     bit. Returns a runtime.session.simulate.SimulatedRun.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.session.simulate import SimulatedRun
 
     return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
@@ -249,17 +232,17 @@ def connect(
     """
     if fast and rig is None:
         if options:
-            with _WholeImports():
+            with _CheckedImports():
                 from runtime.host.errors import BadInput
                 from runtime.session.own_process import check_names
 
             check_names(options)
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
-        with _WholeImports():
+        with _CheckedImports():
             from runtime.session.simulate import SimulatedLoop
 
         return SimulatedLoop(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.session.connected import ConnectedRobot
         from runtime.session.own_process import process_of
 
@@ -285,7 +268,7 @@ def check(
 
     Returns a runtime.session.check.text.Report, a dict. Raises BadInput if a file cannot be read.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from graph import Diagram
         from runtime.host.errors import BadInput
         from runtime.host.options import pairs_of
@@ -346,7 +329,7 @@ def study(
     The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
     values. Returns a runtime.experiments.studies.result.StudyResult. Raises BadInput.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from pathlib import Path
 
         from runtime.experiments.studies.description import Study
@@ -405,7 +388,7 @@ def optimise(
     runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the
     optimiser's package.
     """
-    with _WholeImports():
+    with _CheckedImports():
         from pathlib import Path
 
         from runtime.experiments.optimisation.description import Optimisation
@@ -425,7 +408,7 @@ def optimise(
 
 def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):
     """Return the fields of a Study."""
-    with _WholeImports():
+    with _CheckedImports():
         from runtime.host.options import pairs_of
 
     return {

@@ -1,18 +1,32 @@
 """Ctrl-C during a call of Tickwork in a script or notebook: one line instead of a traceback.
 
-The call raises KeyboardInterrupt, which the program may catch. This module must not import anything that a file of the
-working folder could shadow.
+The call raises KeyboardInterrupt, which the program may catch, but not while it imports a library: an import that is
+interrupted leaves half a module, with which the next call fails. This module must not import anything that a file of
+the working folder could shadow: built-in modules alone.
 """
 
+import _signal  # pyright: ignore[reportMissingImports]
+import _thread
 import sys
+import time
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import FrameType
     from typing import ParamSpec, TypeVar
 
     Arguments = ParamSpec("Arguments")  # on a line of its own: type checkers do not read an assignment of two
     Result = TypeVar("Result")
+
+ROOT = __file__.removesuffix("runtime/host/interrupts.py")
+LIBRARIES = (
+    "<frozen ",
+    f"{sys.prefix}/",
+    f"{sys.base_prefix}/",
+    *(f"{ROOT}{package}/" for package in ("blocks", "cext", "graph", "runtime")),
+)
+RETRY_PERIOD = 0.01  # s
 
 
 def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Arguments, Result]":
@@ -20,7 +34,14 @@ def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Argument
 
     def call(*arguments, **named):
         try:
-            return function(*arguments, **named)
+            delays = _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler and _handle(
+                interrupt_between_imports
+            )
+            try:
+                return function(*arguments, **named)
+            finally:
+                if delays:
+                    _handle(_signal.default_int_handler)
         except KeyboardInterrupt as interrupt:
             show_as_line(interrupt)
             raise
@@ -29,6 +50,40 @@ def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Argument
         setattr(call, name, getattr(function, name))
     call.__wrapped__ = function  # whose signature help() shows
     return call
+
+
+def _handle(handler: "Callable[..., None]") -> bool:
+    """Set the handler of SIGINT. Returns False outside the main thread, which alone receives signals."""
+    try:
+        _signal.signal(_signal.SIGINT, handler)
+    except ValueError:
+        return False
+    return True
+
+
+def interrupt_between_imports(number: int, frame: "FrameType | None") -> None:
+    """Raise KeyboardInterrupt, or send the signal once more after RETRY_PERIOD while a library is being imported."""
+    if not imports_library(frame):
+        raise KeyboardInterrupt
+    _thread.start_new_thread(_interrupt_later, (number,))
+
+
+def _interrupt_later(number: int) -> None:
+    time.sleep(RETRY_PERIOD)
+    _signal.raise_signal(number)
+
+
+def imports_library(frame: "FrameType | None") -> bool:
+    """Return whether a frame belongs to the import of a library; a module of the user's can be interrupted."""
+    while frame is not None and _of_library(frame.f_code.co_filename):
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _of_library(path: str) -> bool:
+    return path.startswith(LIBRARIES) or "-packages/" in path
 
 
 def show_as_line(interrupt: KeyboardInterrupt, result: str = "") -> None:

@@ -340,7 +340,8 @@ class RunProcess:
             os.close(self.descriptors.pop())
 
     def __del__(self) -> None:
-        self._release()
+        if "descriptors" in vars(self):  # else Ctrl-C came before
+            self._release()
 
 
 def bare(text: str) -> str:

@@ -8,7 +8,6 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -178,14 +177,11 @@ class SimulatedRun:
                     going = not self._executor.failed
         self.close()
 
-    @contextmanager
     def _alone(self):
-        if not self._lock.acquire(blocking=False):
+        """Return the lock of the simulation: `with` takes it and keeps it without a point where Ctrl-C could come."""
+        if self._lock.locked():
             raise RuntimeError("the simulation is being advanced already, by another thread or by one of its blocks")
-        try:
-            yield
-        finally:
-            self._lock.release()
+        return self._lock
 
     def __getitem__(self, path: str) -> Any:
         """Return the present value of a signal or parameter: a number, or an array for a vector.

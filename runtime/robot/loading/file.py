@@ -281,6 +281,8 @@ def guarded(path: str | os.PathLike[str], function: Callable[..., T], /, *argume
     except (KeyboardInterrupt, Interrupted):
         raise
     except BaseException as error:  # user code may derive exceptions from BaseException
+        if isinstance(error.__cause__, KeyboardInterrupt):  # until 3.11 Python replaces it where a class is made
+            raise error.__cause__ from None
         if isinstance(error, RecursionError) and not own_frames(path, error):
             raise  # of a file that runs itself: an outer call has the line
         raise BadInput(exception(path, error)) from error

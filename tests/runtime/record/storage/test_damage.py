@@ -260,12 +260,12 @@ def test_a_wrong_byte_of_the_metadata_is_corrected_by_their_checksum(file):
 def test_a_wrong_byte_outside_of_every_chunk_is_reported_although_no_tick_is_lost(file):
     """Of the magic bytes, the header, a schema, a channel, the end of the data, the summary and the footer."""
     last, size = file.chunks[-1][1], len(file.data)
-    places = [*range(42), *range(42, file.chunks[0][0], 7)]
+    places = [*range(file.chunks[0][0])]
     if file.open is None:
         places += [*range(last, last + 13), *range(size - 37, size)]
     else:
         places = places[:33]
-    for damage in damages(file, places, cycle(["bit", "flip"])):
+    for damage in damages(file, random.Random(5).sample(places, 30), cycle(["bit", "flip"])):
         assert check(file, *damage, thorough=False) in (set(), None)
         trial = runtime.load(file.path)
         assert not trial.complete and not trial.unfinished or file.open is None and not file.must_be_reported(damage[1])
