@@ -71,7 +71,7 @@ def test_all_frames_are_read_although_no_event_follows_the_first(kind, many):
     for _ in range(2 + many // FRAMES_AT_ONCE):
         interfaces.wait(1000 if not stop.received else 0, stop)
     assert len(stop.received) == many and not interfaces.unread
-    assert time.monotonic() - began < 0.5
+    assert time.monotonic() - began < 5.0
     interfaces.close_all()
 
 
@@ -80,7 +80,7 @@ def test_an_interface_without_a_descriptor_is_read_every_millisecond():
     interfaces = interfaces_of(wire)
     began = time.monotonic()
     interfaces.wait(10_000, None)
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 5.0
     interfaces.close(0)
     began = time.monotonic()
     interfaces.wait(50, None)  # none is left

@@ -76,7 +76,7 @@ def test_the_lock_ends_with_its_process_even_by_kill_9(channel):
         process.wait()
         began = time.monotonic()
         BusLock("socketcan", channel).close()
-        assert time.monotonic() - began < 0.5
+        assert time.monotonic() - began < 5.0
 
 
 def test_a_lock_that_is_closed_is_free_again(channel):
