@@ -7,6 +7,7 @@ import os
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -240,20 +241,20 @@ def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
 def live(request: Request, options: Namespace) -> int:
     """Optimise in real time. Returns the exit code of the run."""
     from runtime.cli.run import concluded
-    from runtime.experiments.optimisation.session import OptimisedSession
+    from runtime.experiments.optimisation.recorder import OptimisedRecorder
     from runtime.record.recorder import can_ask
     from runtime.record.report import summary
     from runtime.session.prepare import prepare
+    from runtime.session.session import Session
 
     prepared = prepare(request)
     plan = plan_of(options, prepared.schedule, prepared.schedule.recorded, can_ask())
     print_to_stderr(map(str, prepared.schedule.warnings))
     resumed = None if options.resume is None else os.fspath(options.resume)
-    session = OptimisedSession(prepared, print_to_stderr, plan, resumed)
-    result = concluded(session)
+    recorder = partial(OptimisedRecorder, optimiser_plan=plan, state_path=resumed)
+    result = concluded(Session(prepared, print_to_stderr, recorder=recorder))
     print_lines(summary.summary(result))
-    assert session.state_path is not None
-    print_lines([*outcome(session.state_path), *comparison(result, options.measure)])
+    print_lines([*outcome(result.recording["state"]), *comparison(result, options.measure)])
     return summary.exit_code(result.outcome, summary.unsaved(result))
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from runtime.host.ending import uninterrupted
 from runtime.host.errors import BadInput
 from runtime.record.analysis.compare import Comparison
 from runtime.record.analysis.trial import Trial
-from runtime.record.recorder import RecorderError, RecorderProcess
+from runtime.record.recorder import RecorderError
 from runtime.record.recorder.local import LocalRecorder
 from runtime.robot.loading.file import compiled
 from runtime.session.prepare import Prepared
@@ -38,8 +38,9 @@ from runtime.session.session import Session
 if TYPE_CHECKING:
     import numpy as np
 
-    from cext.schedule.executor import Executor
+    from cext.schedule.program import Program
     from graph import Schedule
+    from runtime.host.machine.realtime import Realtime
 
 # how a run ended whose cause is not in the recording
 EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "program silent", "unguarded")
@@ -103,12 +104,10 @@ class ReplaySession(Session):
     def __init__(
         self, prepared: Prepared, trial: Trial, comparison: ReplayComparison, metadata: dict[str, Any]
     ) -> None:
-        super().__init__(prepared)
+        # without a recording the comparison is made in this process
+        local = partial(LocalRecorder, receive=self.receive) if prepared.request.no_record else None
+        super().__init__(prepared, recorder=local)
         self.trial, self.comparison, self.metadata = trial, comparison, metadata
-
-    def recorder_of(self) -> RecorderProcess | LocalRecorder:
-        """Return the recorder: a process if the replay is recorded, else the comparison in this process."""
-        return LocalRecorder(self.shared, self.receive) if self.request.no_record else super().recorder_of()
 
     def receive(self, rows: np.ndarray, sent: np.ndarray, before: np.ndarray) -> None:
         """Compare a block of the replay.
@@ -119,10 +118,10 @@ class ReplaySession(Session):
         """
         self.comparison.add_replayed(rows, sent, before + self.comparison.replayed.row_count)
 
-    def plan(self) -> dict[str, Any]:
+    def plan(self, realtime: Realtime) -> dict[str, Any]:
         """Return the plan of the recorder."""
         return {
-            **super().plan(),
+            **super().plan(realtime),
             "stem": f"{self.trial.path.stem}_replay",
             "simulated": self.trial.about["simulated"],
             "keys": False,
@@ -131,13 +130,14 @@ class ReplaySession(Session):
             "metadata": self.metadata,
         }
 
-    def loop(self, aside: Collection[int]) -> Executor:
-        """Return the Executor, with the recorded changes of live parameters."""
+    def program(self) -> Program:
+        """Return the program of the robot, with the recorded changes of live parameters."""
+        control = super().program()
         try:
-            self.control.live.follow(live_changes(self.trial, self.prepared.schedule))
+            control.live.follow(live_changes(self.trial, self.prepared.schedule))
         except ValueError as error:
             raise BadInput(f"{self.trial.path}: a recorded change breaks a rule of the diagram: {error}") from None
-        return super().loop(aside)
+        return control
 
 
 def opened(path: str | Path) -> Trial:

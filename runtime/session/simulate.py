@@ -29,7 +29,7 @@ from runtime.robot.loading.overrides import restore, set_seeds
 from runtime.robot.loading.recorded_signals import PLANT, everything
 from runtime.robot.loading.simulation import Simulation
 from runtime.session.memory_trial import check_memory, table, trial_of
-from runtime.session.prepare import ticks_of
+from runtime.session.prepare import Prepared, ticks_of
 from runtime.session.request import Request
 from runtime.session.result import Result
 
@@ -97,45 +97,48 @@ class SimulatedRun:
         if seed is not None and not isinstance(seed, numbers.Integral):
             raise BadInput(f"seed={seed!r}: expected a whole number")
         pairs = pairs_of(settings)
-        self._lock, self._trial, self._keep_rows = threading.Lock(), None, keep_rows
         self._file = source(diagram, plant)
         self._own_rate = self._file.given.rate if self._file.given is not None else 0.0
         self._replaced: list[Replaced] = []
-        self._request = Request(self._file.path, duration=duration, fast=True, settings=pairs, seed=seed)
+        self._lock, self._keep_rows, self._trial = threading.Lock(), keep_rows, None
+        self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
+        self._events: list[dict[str, Any]] = []
+        request = Request(self._file.path, duration=duration, fast=True, settings=pairs, seed=seed)
+        named = plant_signals if isinstance(plant_signals, str) else ",".join(plant_signals)
         try:
-            self._prepare(pairs, rate, plant_signals if isinstance(plant_signals, str) else ",".join(plant_signals))
+            self._prepared, self._simulation = prepared, simulation = self._prepare(request, rate, named)
+            self._robot, self._schedule, self.ticks = prepared.diagram, prepared.schedule, prepared.ticks
+            width = 2 + len(self._schedule.columns) + len(simulation.recorded)
+            self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)
+            self._control = Program(self._schedule, simulation.ends())
+            self._executor = Executor(
+                self._control,
+                self._schedule.rate,
+                plant=simulation.program,
+                substeps=simulation.substeps,
+                virtual=True,
+                rows=self._rows,
+                hosted=True,
+            )
+            self.advance(0)  # arms
         except BaseException:
             self._restore()
             raise
 
-    def _prepare(self, settings, rate, plant_signals):
-        """Build and compile robot and plant."""
-        file, seed = self._file, self._request.seed
-        self._robot = robot = build(file, settings, before=self._replaced)
+    def _prepare(self, request, rate, plant_signals):
+        """Build and compile robot and plant. Returns (Prepared, Simulation)."""
+        robot = build(self._file, request.settings, before=self._replaced)
         if rate is not None:
             robot.rate = rate
-        if seed is not None:
-            self._replaced += set_seeds(robot, seed)
-        self.ticks = ticks_of(self._request, robot)
-        schedule = compiled(file.path, robot)
-        self._schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
-        self._simulation = simulation = Simulation(file, robot, self._schedule, seed=seed, plant_signals=plant_signals)
+        if request.seed is not None:
+            self._replaced += set_seeds(robot, request.seed)
+        ticks = ticks_of(request, robot)
+        schedule = compiled(self._file.path, robot)
+        schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
+        simulation = Simulation(self._file, robot, schedule, seed=request.seed, plant_signals=plant_signals)
         self._replaced += simulation.replaced
-        width = 2 + len(self._schedule.columns) + len(simulation.recorded)
-        self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)
-        self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
-        self._events: list[dict[str, Any]] = []
-        self._control = Program(self._schedule, simulation.ends())
-        self._executor = Executor(
-            self._control,
-            self._schedule.rate,
-            plant=simulation.program,
-            substeps=simulation.substeps,
-            virtual=True,
-            rows=self._rows,
-            hosted=True,
-        )
-        self.advance(0)  # arms
+        sha256 = self._file.sha256
+        return Prepared(request, robot, schedule, simulation, None, ticks, source_sha256=sha256), simulation
 
     def step(self, seconds: float | None = None) -> None:
         """Advance the run.
@@ -329,13 +332,7 @@ class SimulatedRun:
         executor = self._executor
         outcome = executor.finish()
         result = Result(
-            self._request,
-            self._robot,
-            self._schedule,
-            self._simulation,
-            None,
-            self.ticks,
-            source_sha256=self._file.sha256,
+            **vars(self._prepared),
             outcome=outcome,
             statistics={"missed": 0},  # frames are not counted
             recording={},

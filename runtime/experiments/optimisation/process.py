@@ -67,7 +67,9 @@ class OptimiserProcess(ChildProcess):
             self._send(path.encode() + b"\n")
 
     def end(self, timeout: float = 0.0) -> None:
-        """Wait until the process has ended, and kill it after `timeout` s."""
+        """Wait until the process has ended, and kill it after `timeout` s. A second call has no effect."""
+        if self._orders.closed:
+            return
         with suppress(OSError):
             self._orders.close()
         poll = select.poll()

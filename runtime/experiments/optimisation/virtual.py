@@ -12,7 +12,7 @@ from runtime.experiments.optimisation.live_robot import Targets
 from runtime.experiments.optimisation.metabolic import Estimate
 from runtime.experiments.optimisation.optimisers import restored
 from runtime.experiments.optimisation.protocol import Protocol, Robot, Settings
-from runtime.experiments.optimisation.session import SUFFIX
+from runtime.experiments.optimisation.recorder import SUFFIX
 from runtime.experiments.optimisation.state_file import StateFile
 from runtime.host.console.terminal import print_to_stderr
 from runtime.host.ending import Interrupted
