@@ -24,7 +24,7 @@ from runtime.record.recorder import process, status, writer
 from runtime.record.recorder.services import rerun
 from runtime.record.storage import files, grouping, mcap_file
 from runtime.robot.emulation import priority
-from runtime.robot.guardian import wires
+from runtime.robot.guardian import handover, wires
 from runtime.session import own_process
 from runtime.setup.commissioning.calibration import fits, stillness
 from tests.checkout import ROOT
@@ -151,6 +151,7 @@ PRINTED = [  # page, pattern in its text, in one line, whose groups are numbers,
         (STALL, safe("LOOP_STALL_PERIODS", 1)),
     ),
     ("reference/safe_stop", r"silent for (\d+) ms, the run ends as a fault", safe("GUARDIAN_SILENCE") * MS),
+    ("reference/safe_stop", r"sends nothing for ([\d.]+) s, the old process", handover.SILENCE * 1e-9),
     ("reference/safe_stop", r"The silence is (\d+) ms for a guardian", safe("GUARDIAN_SILENCE_REALTIME") * MS),
     ("reference/arming", r"`warning_temperature` \((\d+) °C\)", default(CubeMars, "warning_temperature")),
     ("reference/arming", r"torque of more than (\d+) % of\sthe rated", safe("UNCOMMANDED_TORQUE_LIMIT", 1)),

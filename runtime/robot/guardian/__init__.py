@@ -267,7 +267,7 @@ class GuardianProcess(ChildProcess):
             now = time.monotonic_ns()
             stop.step(now)
             if stop.is_due(now) and not stop.over:
-                handover.offer(now)  # before the line: who reads it may start the next run at once
+                handover.attend(now, stop)  # before the line: who reads it may start the next run at once
                 interfaces.open_lost(stop, now)
                 if not reported:
                     reported = True

@@ -6,11 +6,13 @@
                                             <-  OPEN: its guardian is about to open the interface
     sends no more, and closes its interface
     CLOSED                                  ->  opens the interface, and sends the frames of the safe stop
+                                            <-  SENT, with each round of them
                                             <-  ARMING: its loop asks the drives now
     ends, once it has no other bus
 
 So the drives are attended at all times. A connection that ends without ARMING is that of a run that did not begin: the
-process of the stop opens its interface again, and continues.
+process of the stop opens its interface again, and continues. It does the same after SILENCE without a message, as the
+new run may be stopped or hang, and sends TAKEN. The new run then repeats this from OPEN on.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import os
 import select
 import socket
 import struct
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -32,7 +35,8 @@ if TYPE_CHECKING:
     from runtime.robot.guardian.plan_types import PlanLock
     from runtime.robot.guardian.stop import SafeStop
 
-OPEN, CLOSED, ARMING = b"o", b"c", b"a"
+OPEN, CLOSED, SENT, TAKEN, ARMING = b"o", b"c", b"s", b"t", b"a"
+SILENCE = 3 * STOP_ROUND_MAXIMUM  # ns without a message, after which a new run counts as stopped; twice that next time
 CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
 OFFER_BYTES = 1 << 16  # limit
 
@@ -96,7 +100,20 @@ class Successor:
         """Let the other process close its interface. Where it has died, there is nothing to close."""
         with suppress(OSError):
             self.link.send(OPEN)
-            self.link.recv(1)
+            while self.link.recv(1) == TAKEN:  # before
+                pass
+
+    def sent(self) -> None:
+        """Report that the frames of the safe stop were sent."""
+        with suppress(OSError):
+            self.link.send(SENT)
+
+    def was_taken(self) -> bool:
+        """Return whether the other process has taken the bus back since `open`."""
+        try:
+            return bool(select.select([self.link], [], [], 0)[0]) and self.link.recv(1) == TAKEN
+        except OSError:
+            return False
 
     def arming(self) -> None:
         """Let the other process end: the loop of this run asks the drives now."""
@@ -116,13 +133,21 @@ class Handover:
         self._interfaces, self._poll = interfaces, interfaces.poll
         self._listeners: dict[int, socket.socket] = {}  # by the place of the lock
         self._links: dict[int, socket.socket] = {}
+        self._heard: dict[int, int] = {}  # ns of the newest message of a run that has a bus, by the place of its lock
+        self._silence: dict[int, int] = {}  # ns, longest without one
         self._again = 0  # ns at which to try again to accept connections
 
-    def offer(self, now: int) -> None:
-        """Accept connections from here on. Call it again and again: it may lack a descriptor, or a name be in use.
+    def attend(self, now: int, stop: SafeStop) -> None:
+        """Take the buses back of runs that are silent, and accept connections from here on.
 
-        now : ns of CLOCK_MONOTONIC
+        Call it again and again: it may lack a descriptor, or a name be in use. now : ns of CLOCK_MONOTONIC
         """
+        for place, heard in list(self._heard.items()):
+            if now - heard >= self._silence[place]:
+                self._silence[place] *= 2
+                self._take_back(place, stop)
+                with suppress(OSError):
+                    self._links[place].send(TAKEN)
         if now < self._again:
             return
         self._again = now + STOP_ROUND_MAXIMUM
@@ -164,7 +189,7 @@ class Handover:
         with suppress(OSError):  # it has ended
             socket.send_fds(link, [json.dumps(offer).encode()], [lock["descriptor"]])
         link.setblocking(False)
-        self._links[place] = link
+        self._links[place], self._silence[place] = link, SILENCE
         self._poll.register(link, select.POLLIN)
 
     def _proceed(self, place, link, stop):
@@ -176,26 +201,37 @@ class Handover:
             return []
         except OSError:
             message = b""
-        if message == OPEN:
-            if bus is not None:
-                stop.lent.add(bus)
-                self._interfaces.close(bus)
-                with suppress(OSError):
-                    link.send(CLOSED)
+        if message == OPEN and bus is not None:
+            self._heard[place] = time.monotonic_ns()
+            stop.lent.add(bus)
+            self._interfaces.close(bus)
+            with suppress(OSError):
+                link.send(CLOSED)
+        elif message == SENT and place in self._heard:
+            self._heard[place] = time.monotonic_ns()
+        if message in (OPEN, SENT):
             return []
         process, drives = peer_of(link)[0], [name for name in stop.waiting if stop.stopped[name]["bus"] == bus]
         self._close(self._links.pop(place))
         if message == ARMING:
+            self._heard.pop(place, None)
             del self._locks[place]
             self._close(self._listeners.pop(place))
             if bus is not None:
+                stop.lent.add(bus)
                 stop.given.add(bus)
-        elif bus in stop.lent:
-            stop.lent.discard(bus)
-            stop.failing.add(bus)  # and is opened again
+                self._interfaces.close(bus)
+        else:
+            self._take_back(place, stop)
         if message != ARMING or not drives:
             return []
         return [f"process {process} continues the stop of {', '.join(drives)}, and asks for their state"]
+
+    def _take_back(self, place, stop):
+        """Let the stop open the interface of a bus again that a new run has."""
+        if self._heard.pop(place, None) is not None:
+            stop.lent.discard(self._locks[place]["bus"])
+            stop.failing.add(self._locks[place]["bus"])
 
     def _close(self, each):
         """Close a socket."""

@@ -120,7 +120,7 @@ class Guardian:
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
             try:
-                self.wires[index] = self._open(index, bus)
+                self._open(index, bus)
             except CannotOpen as error:
                 problems[bus["name"]] = str(error)
         if problems:
@@ -151,7 +151,8 @@ class Guardian:
         """Open the wire of a bus of the plan. Raises CannotOpen."""
         successor = dict(self.successors).get(index)
         if successor is None:
-            return open_wire(bus)
+            self.wires[index] = open_wire(bus)
+            return
         shared = bus["interface"] in SHARED
         wire = open_wire(bus, again=True) if shared else None
         load(bus["interface"])
@@ -162,20 +163,35 @@ class Guardian:
             pass
         self.wires[index] = wire
         self._attend(time.monotonic_ns())
-        return wire
 
     def _attend(self, now):
         """Send the frames of the safe stop to the drives of buses that are taken over, until the loop asks them."""
+        taken = [(bus, successor) for bus, successor in self.successors if bus in self.wires]
+        for bus, successor in taken:
+            if successor.was_taken():
+                self._open_again(bus)
         if self.shared.beat:
             while self.successors:
                 self.successors.pop()[1].arming()
         elif now >= self.attend:
             self.attend = now + STOP_ROUND_MAXIMUM
-            taken = {bus for bus, _ in self.successors} & self.wires.keys()
-            for device in self.devices:
-                if device["bus"] in taken:
-                    for frame in device["zero"] + device["disable"]:
-                        self.wires[device["bus"]].send(*frame)
+            for bus, successor in taken:
+                for device in self.devices:
+                    if device["bus"] == bus:
+                        for frame in device["zero"] + device["disable"]:
+                            self.wires[bus].send(*frame)
+                successor.sent()
+
+    def _open_again(self, index):
+        """Open the wire of a bus that its earlier process has taken back, as this process was stopped."""
+        self.interfaces.close(index)
+        try:
+            self._open(index, self.buses[index])
+        except CannotOpen as error:
+            self.wires[index].fail(0, str(error))
+            return
+        if self.buses[index]["line"] is not None:
+            self.interfaces.listen(index)
 
     def run(self) -> None:
         """Watch the loop and carry frames until the run is over, then report and close the wires."""
@@ -343,11 +359,11 @@ class Guardian:
 
     def _continue(self, stop, now):
         """Open lost interfaces again, and offer the buses of a stop that continues after the run to another run."""
-        self.interfaces.open_lost(stop, now)
         if self.ordered or self._has_ended():
             while self.relays:  # after the damping, the other run may need their lines
                 os.close(self.relays.pop()["descriptor"])
-            self.handover.offer(now)
+            self.handover.attend(now, stop)
+        self.interfaces.open_lost(stop, now)
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
