@@ -15,31 +15,27 @@ class Target:
     tests: tuple
 
 
-STOPS = tuple(
-    f"tests/cext/{name}.py"
-    for name in (
-        "schedule/test_every_fault",
-        "schedule/test_faults",
-        "safety/test_guarded",
-        "schedule/test_life_cycle",
-        "safety/test_damping",
-        "schedule/test_arming_again",
-        "schedule/test_devices",
-        "schedule/test_fence",
-        "schedule/test_taken_out",
-        "schedule/test_mailbox",
-    )
+def named(folder, names):
+    return tuple(f"{folder}/test_{name}.py" for name in names.split())
+
+
+STOPS = (
+    *named("tests/cext/schedule", "every_fault faults life_cycle devices taken_out"),
+    "tests/cext/safety/test_damping.py",
+    # in real time
+    *named("tests/cext/schedule", "arming_again fence mailbox"),
+    "tests/cext/safety/test_guarded.py",
 )
 DEVICES = (
-    *STOPS,
-    "tests/cext/clock/test_stopwatch.py",
-    "tests/cext/clock/test_overrun.py",
-    "tests/cext/schedule/test_latency.py",
-    "tests/cext/schedule/test_zeroing.py",
-    "tests/cext/bus/test_memory_bus.py",
-    "tests/cext/bus/test_timed_bus.py",
+    *named("tests/cext/schedule", "enabling ready zeroing two_devices"),
+    *named("tests/cext/bus", "memory_bus timed_bus"),
+    "tests/cext/safety/test_damped_stop.py",
     "tests/blocks/actuators/test_cubemars_extended_life.py",
+    *STOPS,
+    "tests/cext/safety/test_transit.py",
+    "tests/cext/schedule/test_stop_values.py",
 )
+PROFILED = (*named("tests/cext/clock", "stopwatch overrun"), "tests/cext/schedule/test_latency.py")
 DRIVE = tuple(
     f"tests/blocks/actuators/test_{name}.py" for name in ("drive_law", "cubemars_bus", "cubemars_wire", "sent")
 )
@@ -89,13 +85,35 @@ TARGETS = (
         "cext/schedule/devices.pyx",
         ("receive", "offer_one", "watch", "command", "transmit"),
         ("cext/schedule/devices",),
-        DEVICES,
+        DEVICES + PROFILED,
     ),
     Target("cext/schedule/buses.pyx", ("send",), ("cext/schedule/buses",), DEVICES),
     Target(
         "cext/schedule/device_arming.pyx", ("all_answered", "begin", "send"), ("cext/schedule/device_arming",), DEVICES
     ),
     Target("cext/schedule/safe_stop.pyx", ("send",), ("cext/schedule/safe_stop",), DEVICES),
+    Target(
+        "cext/schedule/arming_round.pxd",
+        ("begin_asking", "begin_enabling", "counts", "send_round"),
+        ("cext/schedule/device_arming", "cext/schedule/drive_switch", "cext/schedule/devices"),
+        DEVICES,
+    ),
+    Target(
+        "cext/schedule/relays.pxd",
+        ("pump", "pump_all", "holds_relay"),
+        ("cext/schedule/device_arming", "cext/schedule/safe_stop"),
+        DEVICES,
+    ),
+    Target(
+        "cext/safety/stop_confirmation.pyx",
+        ("begin", "sent", "is_at_rest", "note", "note_rest", "judge", "judge_answers"),
+        ("cext/safety/stop_confirmation",),
+        (
+            *named("tests/blocks/actuators", "robstride_life cubemars_extended_life"),
+            "tests/runtime/robot/guardian/test_safe_stop.py",
+            "tests/cext/schedule/test_stop_values.py",
+        ),
+    ),
     Target("cext/schedule/foreign_commands.pxd", ("commanded_device", "is_like"), ("cext/schedule/devices",), DEVICES),
     Target(
         "cext/schedule/publisher.pyx",

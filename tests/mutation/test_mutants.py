@@ -11,6 +11,7 @@ from tests.mutation.mutants import mutants
 from tests.mutation.targets import TARGETS
 
 SECONDS = float(os.environ.get("TICKWORK_MUTATION_SECONDS", 480))
+LEFT_OUT_LIMIT = 4  # tests in real time, on a busy machine
 SEED = int(os.environ.get("TICKWORK_MUTATION_SEED", 1))
 SOURCE = '''
 cdef int other(int a) noexcept nogil:
@@ -71,12 +72,12 @@ def test_every_listed_equivalent_mutant_still_exists():
 @pytest.mark.soak
 def test_every_mutant_is_killed(capsys):
     verdicts, survivors = experiment(SECONDS, SEED)
-    tried = verdicts["killed"] + verdicts["survived"] + verdicts["no program"]
+    tried = sum(verdicts[each] for each in ("killed", "survived", "no answer", "no program"))
     with capsys.disabled():
         print(
             f"\nmutants: {verdicts['made']} there are, {tried} tried, {verdicts['killed']} killed, "
-            f"{verdicts['survived']} survived, "
-            f"{verdicts['no program']} no program"
+            f"{verdicts['survived']} survived, {verdicts['no answer']} no answer, {verdicts['no program']} no program; "
+            f"{verdicts['left out']} tests left out, as they fail without a mutant"
         )
-    assert verdicts["killed"] > 0
+    assert verdicts["killed"] > 0 and verdicts["left out"] <= LEFT_OUT_LIMIT
     assert not survivors, "\n\n".join(mutant.diff((ROOT / mutant.file).read_text()) for mutant in survivors)
