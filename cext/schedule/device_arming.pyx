@@ -11,12 +11,8 @@ The executor waits for the operator between the two; it may ask again before it 
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy
 
-from cext.abi cimport FRAMES_PER_BATCH, OK
+from cext.abi cimport OK
 from cext.safety.drive_state cimport ACTIVE, OUT
-from cext.safety.stop_confirmation cimport StopConfirmation
-from cext.safety.twins cimport forget_twins
-from cext.safety.zeroing cimport begin_rest
-from cext.safety.transit cimport note_asked
 from cext.schedule.arming_round cimport begin_asking, begin_enabling, send_round
 from cext.schedule.device_table cimport Device
 from cext.schedule.relays cimport pump, pump_all
@@ -38,15 +34,8 @@ cdef class DeviceArming:
         cdef Device *device
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            device.fades_from = -1
-            if device.drive.disabled >= 0:
-                device.drive.state = OUT if self.table.arena[device.drive.disabled] > 0.5 else ACTIVE
-                device.drive.unconfirmed = device.drive.state == OUT
-                if device.drive.unconfirmed and device.confirmation != NULL:
-                    (<StopConfirmation>device.confirmation).begin(self.table.now)
-            begin_rest(&device.zeroing, self.table.now)
-            # frames of a stop were not counted
-            forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH if self.table.stopping else 0)
+            if device.drive.state == OUT:
+                self.switch.begin_out(number)
             begin_asking(self.table, device, looked)
         self.table.waiting = self.table.stopping = False
         self.table.arming, self.table.looked = True, looked
@@ -124,12 +113,11 @@ cdef class DeviceArming:
         for number in range(self.table.count):
             device = &self.table.devices[number]
             if device.drive.state != ACTIVE:
-                status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
-                note_asked(&device.transit, device.disable.count, now, now, -1)
+                status |= self.switch.disable(device, now, False)
                 continue
             status |= send_round(self.table, self.buses, self.events, number, set_up, now)
             if device.relay > 0:
-                status |= pump(self.table, self.buses, device, now, False)
+                status |= pump(self.table, self.buses, device, now)
         return self.buses.status(status, False)
 
     cdef void keep_ready(self) noexcept nogil:

@@ -21,6 +21,7 @@ cdef class DriveSwitch:
     cdef int update(self, int number) noexcept nogil
     cdef void take_out(self, int number) noexcept nogil
     cdef void begin_out(self, int number) noexcept nogil
+    cdef int disable(self, Device *device, int64_t now, bint zero) noexcept nogil
     cdef void judge_out(self, int number, int64_t passed) noexcept nogil
     cdef void disable_again(self, int number) noexcept nogil
     cdef bint is_fit(self, int number) noexcept nogil

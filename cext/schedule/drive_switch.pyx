@@ -106,6 +106,13 @@ cdef class DriveSwitch:
         if device.confirmation != NULL:
             (<StopConfirmation>device.confirmation).begin(self.table.now, under_way(device))
 
+    cdef int disable(self, Device *device, int64_t now, bint zero) noexcept nogil:
+        """Send disable to a drive that is out, after zero torque if wanted. Returns the status of the sends."""
+        device.drive.sent = now
+        if device.confirmation == NULL:
+            return OK
+        return ask(device, self.buses, now, zero, False)
+
     cdef void judge_out(self, int number, int64_t passed) noexcept nogil:
         """Report whether a drive that is out has confirmed that it is disabled. passed : ns since it was"""
         cdef Device *device = &self.table.devices[number]
@@ -208,9 +215,7 @@ cdef class DriveSwitch:
             elif device.drive.state == OUT and (
                     now - device.drive.since < STOP_LIMIT or now - device.reply_time < STOP_LIMIT
                     or now - device.drive.sent >= SILENT_ROUND):
-                device.drive.sent = now
-                if device.confirmation != NULL:
-                    status |= ask(device, self.buses, now, device.drive.unconfirmed, False)
+                status |= self.disable(device, now, device.drive.unconfirmed)
             elif device.drive.state == RETURNING and now - device.drive.since >= RETURN_DELAY:
                 status |= send_round(self.table, self.buses, self.events, number, True, now)
         return self.buses.status(status, False)

@@ -8,12 +8,12 @@ from cext.schedule.buses cimport Buses
 from cext.schedule.device_table cimport Device, DeviceTable
 
 
-cdef inline int pump(DeviceTable table, Buses buses, Device *device, int64_t now, bint stopping) noexcept nogil:
-    """Send the next frame of a device that holds a relay. stopping : whether it belongs to a safe stop"""
+cdef inline int pump(DeviceTable table, Buses buses, Device *device, int64_t now) noexcept nogil:
+    """Send the next frame of a device that holds a relay. Only those of a safe stop pass the fence."""
     cdef Frame[FRAMES_PER_DEVICE] frames
     cdef int count = device.encode(table.arena, device.encode_slots, device.encode_sizes, frames)
     device.pumped = now
-    return buses.send(device.bus, frames, max(count, 0), now, stopping)
+    return buses.send(device.bus, frames, max(count, 0), now, table.stopping)
 
 
 cdef inline int pump_all(DeviceTable table, Buses buses, int64_t now) noexcept nogil:
@@ -22,7 +22,7 @@ cdef inline int pump_all(DeviceTable table, Buses buses, int64_t now) noexcept n
     cdef int status = 0
     for number in range(table.count):
         if table.devices[number].relay > 0:
-            status |= pump(table, buses, &table.devices[number], now, False)
+            status |= pump(table, buses, &table.devices[number], now)
     return buses.status(status, False)
 
 

@@ -62,7 +62,7 @@ cdef class SafeStop:
             device = &self.table.devices[number]
             if device.relay > 0:
                 if disabling and since < self.longest_damping and holds_relay(self.table, self.buses, device, now):
-                    pump(self.table, self.buses, device, now, True)
+                    pump(self.table, self.buses, device, now)
             elif device.damped and (since < device.damping or not disabling):
                 if since >= device.damp_due:
                     batch = <Batch *>(<SpeedBands>device.bands).choose(now, damping_transit(device))

@@ -244,14 +244,15 @@ def robot_with_pump(action=lambda: None, more=lambda: None, **knee):
 
 
 def plant_with_relay(robot, lost=(False,), booting=0.0):
-    """The drive has power while the relay holds."""
+    """The drive has power while the relay holds, and does not reply in the first `booting` s."""
     with Diagram("plant", rate=5 * RATE) as plant:
         relay = robot["pump"].emulator(name="relay")
         relay(lost=player(lost, "1", bool))
         drive = EmulatedCubeMars.of(robot["knee"], name="drive")
+        booting = player([True] * round(5 * RATE * booting) + [False], "1", bool)
         limb = Limb(inertia=0.1, damping=0.5, stiffness=0.0, reflex=0.0, name="limb")
         limb(torque=drive.torque)
-        drive(position=limb.position, velocity=limb.velocity, power_lost=Not()(relay.holds))
+        drive(position=limb.position, velocity=limb.velocity, power_lost=Not()(relay.holds), silent=booting)
     return plant
 
 
@@ -295,6 +296,16 @@ def test_the_relay_holds_during_confirmation():
     seen = []
     outcome = rig.run(20, answered=lambda: seen.append(rig.shared.state), confirm=False)
     assert outcome.status == "ok" and seen
+    assert_toggled(pulses(rig))
+
+
+@pytest.mark.parametrize("answered", [None, lambda: None], ids=["without an operator", "with one"])
+def test_the_relay_holds_while_a_drive_takes_long_to_reply(answered):
+    """Longer than the relay holds without a pulse."""
+    robot = robot_with_pump()
+    rig = Rig(robot, plant_with_relay(robot, booting=0.5))
+    assert rig.run(20, answered=answered).status == "ok"
+    assert rig.shared.first_tick > (START_UP + 2.0 * HOLD) * 1e9
     assert_toggled(pulses(rig))
 
 

@@ -30,6 +30,7 @@ DEVICES = (
     *named("tests/cext/schedule", "enabling ready zeroing two_devices"),
     *named("tests/cext/bus", "memory_bus timed_bus"),
     "tests/cext/safety/test_damped_stop.py",
+    "tests/blocks/test_charge_pump.py",
     "tests/blocks/actuators/test_cubemars_extended_life.py",
     *STOPS,
     "tests/cext/safety/test_transit.py",
@@ -113,6 +114,12 @@ TARGETS = (
             "tests/runtime/robot/guardian/test_safe_stop.py",
             "tests/cext/schedule/test_stop_values.py",
         ),
+    ),
+    Target(
+        "cext/schedule/drive_switch.pyx",
+        ("take_out", "begin_out", "disable", "judge_out", "disable_again", "is_fit", "permission", "send"),
+        ("cext/schedule/drive_switch",),
+        DEVICES,
     ),
     Target("cext/schedule/foreign_commands.pxd", ("commanded_device", "is_like"), ("cext/schedule/devices",), DEVICES),
     Target(

@@ -220,6 +220,26 @@ def test_drive_that_is_disabled_from_the_start_is_not_waited_for():
     assert ENABLE not in robot.to_left(0, 95)
 
 
+@pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStride, "RS02"), (CubeMarsServo, "AK80-9")])
+def test_drive_that_is_out_is_disabled_in_each_round_of_arming_and_confirms_in_the_run(kind, model):
+    robot = Robot({}, (kind, model, {"disabled": True}))
+    assert robot.run(50, answered=lambda: None).status == "ok" and robot.what() == []
+    left = robot.schedule.devices[0]
+    disable = [bytes(data) for _, _, data in left.disable]
+    arming = {}
+    for frame in robot.frames:
+        if frame.sent and frame.bus == left.bus and frame.time < robot.shared.first_tick:
+            arming.setdefault(frame.time, []).append(frame.data)
+    rounds = {frame.time for frame in robot.frames if frame.sent and frame.id == 2}
+    assert {*arming} == {time for time in rounds if time < robot.shared.first_tick} and len(arming) >= 2
+    assert all(sent == disable for sent in arming.values()), arming
+    zeros = [bytes(data) for _, _, data in left.zero]
+    late, end = (robot.shared.first_tick + tick * 1_000_000_000 // RATE for tick in (20, 50))
+    sent = [frame for frame in robot.frames if frame.sent and frame.bus == left.bus and frame.time < end]
+    assert {frame.data for frame in sent if frame.time < late} <= {*zeros, *disable}, "until it has confirmed"
+    assert {frame.data for frame in sent if frame.time >= late} == {*disable}
+
+
 def test_drive_that_is_out_stays_out_when_the_run_is_armed_again():
     def law(tick):
         if tick == 400:
@@ -231,6 +251,9 @@ def test_drive_that_is_out_stays_out_when_the_run_is_armed_again():
     assert outcome.status == "ok" and [fault.culprit for fault in outcome.faults] == ["right"]
     assert not robot["left.active"][260:].any() and robot["right.torque"][-1] > 1.9
     assert robot.control.reports.switched == {"left": (2, 1)}
+    assert set(robot.to_left(380, 400)) == {DISABLE}, "it had confirmed before"
+    assert set(robot.to_left(401, 420)) == {NOTHING, DISABLE}, "a confirmation is newer than the arming"
+    assert set(robot.to_left(440, 460)) == {DISABLE}
 
 
 def test_replayed_changes_send_the_same_frames():
