@@ -15,13 +15,16 @@ def is_answer(identifier, data):
 
 
 class Drives:
-    """motors : where each motor is, in rad, by id. A thread of this process; the robot is in another."""
+    """motors : where each motor is, in rad, by id. A thread of this process; the robot is in another.
+
+    answers : whether they reply
+    """
 
     def __init__(self, motors, channel="vcan0"):
         self.motors = motors
         self.bus = can.Bus(channel, interface="socketcan")
         self.thread = threading.Thread(target=self._answer, daemon=True)
-        self.powered = True
+        self.powered = self.answers = True
 
     def __enter__(self):
         self.thread.start()
@@ -43,6 +46,7 @@ class Drives:
                 return
             if (
                 heard is not None
+                and self.answers
                 and heard.arbitration_id in self.motors
                 and not heard.is_extended_id
                 and not heard.is_error_frame

@@ -28,7 +28,7 @@ def test_i2c_of_runs_under_user_mode_linux(file):
 
 @pytest.mark.soak
 @pytest.mark.skipif(there, reason="this machine has vcan0 itself")
-@pytest.mark.parametrize("file", ["test_knee_exo.py", "test_guardian.py", "test_tools.py", "test_emulate.py"])
+@pytest.mark.parametrize("file", [f"test_{name}.py" for name in "knee_exo guardian bus_off tools emulate".split()])
 def test_socketcan_of_runs_under_user_mode_linux(file):
     under_user_mode_linux(file)
 
@@ -65,7 +65,7 @@ def run_in(script, *files, **environment):
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     if process.returncode == CANNOT_RUN:
         pytest.skip(process.stderr.strip())
