@@ -485,6 +485,22 @@ def test_frame_equal_to_a_command_is_a_foreign_command(batch):
     assert (outcome := rig.run(20)).status == "foreign command" and outcome.culprit == "knee"
 
 
+@pytest.mark.parametrize("kind, status", [(17, "ok"), (18, "foreign command")], ids=["read", "written"])
+def test_a_parameter_that_another_program_reads_is_no_command_and_one_that_it_writes_is(kind, status):
+    with Diagram("robot", rate=200) as robot:
+        knee = RobStride("RS03", can_id=1, name="knee", timeout=0.0)
+        knee(torque_command=0.0)
+    with Diagram("plant", rate=200) as plant:
+        knee.emulator(name="motor")(position=0.0, velocity=0.0)
+    shared = SharedState(1 << 20)
+    shared.look_after(time.monotonic_ns())
+    rig = Rig(robot, plant, shared=shared, guard=30.0)
+    own = [number for number, _, _ in rig.schedule.devices[0].set_up if number >> 24 == kind]
+    assert own
+    rig.buses["can"].device.send(own[0], bytes([0x05, 0x70, 0, 0, 0, 0, 0, 0]), True)
+    assert rig.run(20).status == status
+
+
 def test_armed_drive_is_not_reenabled_while_others_are_awaited():
     with Diagram("robot", rate=200) as robot:
         for can_id in (1, 2):

@@ -11,7 +11,7 @@ import pytest
 from blocks.controllers import Impedance
 from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
-from graph import Diagram
+from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig
 
 pytestmark = pytest.mark.timing
@@ -97,6 +97,25 @@ def test_full_mailbox_refuses_until_requests_are_answered():
     assert writer.set([(0, 1.0)]) is None, "answers that nobody has read keep their place"
     assert {writer.answer(ticket) for ticket in tickets} == {("taken", 0, 0)}
     assert writer.set([(0, 1.0)]) is not None
+
+
+def test_a_request_that_a_run_has_not_taken_is_answered_at_its_end():
+    class Late(Block):
+        y = Output("1")
+
+        def step(self, tick):
+            if tick == 9:
+                tickets.append(writer.set([(0, 1.0)]))
+            return 0.0
+
+    tickets = []
+    with Diagram("springs", rate=2000) as diagram:
+        Impedance(name="spring")(position=1.0, velocity=0.0)
+        Late(name="late")
+    rig = Rig(diagram)
+    writer = Writer(rig.shared)
+    assert rig.run(10).status == "ok" and rig.changes == []
+    assert writer.answer(tickets[0]) == ("over", -1, 0)
 
 
 def test_withdrawn_request_is_never_applied():

@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import time
 
 import pytest
 
@@ -10,6 +12,7 @@ from cext.safety.thresholds import STOP_LIMIT, STOP_ROUND
 from graph import Diagram, compile
 from runtime.robot.guardian import plan
 from runtime.robot.guardian.process import decoded
+from runtime.robot.guardian.relay import Relay
 from runtime.robot.guardian.stop import SafeStop
 from tests.blocks.actuators import reference
 from tests.own_drives import FAMILIES, OwnDrive
@@ -270,10 +273,26 @@ def test_drive_is_damped_for_its_time_then_disabled():
     assert stop.over
 
 
+def test_the_relay_of_a_drive_is_held_in_each_round_of_its_damping_and_not_after_it():
+    reader, line = os.pipe()
+    relay = Relay({"descriptor": line, "gpio": False, "frames": ["01", "00"], "hold": 60.0}, time.monotonic_ns())
+    stop = SafeStop([device("knee", 0, 1, damp_time=0.3)], {0: Log()}, 0, relays=[relay])
+    for now in range(0, 600_000_000, 1_000_000):
+        stop.step(now)
+    os.close(line)
+    assert os.read(reader, 1000) == b"\1\0" * 30  # 60 rounds of 5 ms
+    os.close(reader)
+
+
 def test_a_drive_that_was_never_under_torque_is_not_damped():
     wire = Log()
     SafeStop([device("knee", 0, 1, damp_time=0.3)], {0: wire}, 0, moving=False).step(0)
     assert wire.sent == [(1, b"zero"), (1, b"disable")]
+
+
+def test_a_stop_is_due_after_the_longest_of_its_dampings():
+    stop = SafeStop([device("knee", 0, 1, damp_time=0.1), device("hip", 0, 2, damp_time=0.3)], {0: Log()}, 0)
+    assert stop.report()["due"] == 0.5 and not stop.is_due(499_999_999) and stop.is_due(500_000_000)
 
 
 def test_a_drive_that_was_taken_out_is_not_damped_again():
@@ -372,6 +391,27 @@ SPEED = {
     "signed": True,
     "little_endian": False,
 }
+
+
+def test_a_drive_that_gives_torque_after_its_confirmation_is_not_confirmed_until_it_does_so_again():
+    knee = device("knee", 0, 1)
+    knee["stop_reply"] |= {"torque": SPEED, "rest": 1.0}  # the field of a speed serves as one of torque
+    stop = SafeStop([knee, device("hip", 0, 2)], {0: Log()}, 0, lasts=10 * STOP_LIMIT)
+
+    def go(begin, rounds):
+        for number in range(begin, begin + rounds):
+            before = len(stop.wires[0].sent)
+            stop.step(number * STOP_ROUND)
+            for _ in stop.wires[0].sent[before:].count((1, b"disable")) * (1, 2):
+                stop.receive(0, 0x101, speed_of(0.0), number * STOP_ROUND + 1)
+
+    go(0, 4)
+    assert stop.report()["after"] == {"knee": 0.015} and stop.report()["took"] == pytest.approx(0.015)
+    stop.receive(0, 0x101, speed_of(5.0), 4 * STOP_ROUND - 1)
+    go(4, 1)
+    assert stop.report()["confirmed"] == [] and stop.report()["after"] == {}
+    go(5, 20)
+    assert stop.report()["confirmed"] == ["knee"] and 0.02 < stop.report()["after"]["knee"] < 0.12
 
 
 def speed_of(velocity):
