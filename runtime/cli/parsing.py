@@ -36,6 +36,14 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
         )
 
 
+OPTION_OF = (  # (form of a word, option that it may belong to)
+    (r".*\.toml", "--rig"),
+    (r"v?can\d.*", "--channel"),
+    (r"\d+\.?\d*", "--duration"),
+    (r"[^=]+=.+", "--set"),
+)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are BadInput, in one line.
 
@@ -79,7 +87,7 @@ class Parser(argparse.ArgumentParser):
     def explain(self, word: str) -> str:
         """Return the error message for an unknown argument."""
         if not word.startswith("-"):
-            option = "--rig" if word.endswith(".toml") else "--channel" if re.match(r"v?can\d", word) else ""
+            option = next((option for form, option in OPTION_OF if re.fullmatch(form, word)), "")
             remedy = f": pass it as {option} {word}" if option in self._option_string_actions else ""
             return f"unexpected argument {word!r}{remedy}"
         return unknown_option(word, self._option_string_actions)

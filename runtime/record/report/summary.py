@@ -228,6 +228,7 @@ def _note(file: dict[str, str]) -> str:
 def hints(result: RunResult, program: str) -> list[str]:
     """Return three commands to try next. program : command that starts this program"""
     name = shlex.quote(str(result.request.file))
+    name = f"./{name}" if name.startswith("-") else name  # else it would be an option
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
     paths = [] if unsaved(result) else [file["path"] for file in result.recording.get("files", [])]

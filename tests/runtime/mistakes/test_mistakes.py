@@ -95,6 +95,8 @@ COMMANDS = {  # {command line: message}; R is a recording
     "knee.py --trial subject": "--trial subject: expected NAME=VALUE, as in subject=S03",
     "knee.py --rig": "argument --rig: expected one argument",
     "knee.py --rig lap.toml": "lap.toml: error TW101 unreadable rig file: no such file\n    did you mean 'lab.toml'?",
+    "knee.py 20": "unexpected argument '20': pass it as --duration 20",
+    "knee.py knee.limit=3": "unexpected argument 'knee.limit=3': pass it as --set knee.limit=3",
     "knee.py lab.toml": "unexpected argument 'lab.toml': pass it as --rig lab.toml",
     "scan can0": "unexpected argument 'can0': pass it as --channel can0",
     "knee.py --rig twice.toml": "write each table and each key once",

@@ -170,6 +170,12 @@ def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
     assert summary.hints(carry_out(path), "tickwork")[1] == f"  show what is proved: tickwork check '{path}'"
 
 
+def test_a_file_whose_name_begins_like_an_option_is_suggested_with_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, KNEE.format(law="return 1.0"), "-robot.py")
+    assert summary.hints(carry_out("-robot.py"), "tickwork")[1] == "  show what is proved: tickwork check ./-robot.py"
+
+
 def test_walk_without_whole_stride_suggests_longer_walk():
     lines = summary.hints(carry_out(KNEE_EXO, 1.0), "tickwork")
     assert lines[1] == f"  record complete strides: tickwork {KNEE_EXO} --duration 20"
