@@ -49,6 +49,7 @@ from runtime.record.storage.records import (
     FOOTER,
     HEADER,
     KINDS,
+    LIBRARY,
     MAGIC,
     METADATA,
     RECORD_LIMIT,
@@ -111,8 +112,9 @@ class Scan:
         self.refused = ""  # why the rest of the file is not read
         begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
         at = len(MAGIC) if sum(byte == right for byte, right in begin) >= MAGIC_MATCHES else 0
-        if at and unconfirmed(self.bytes_at(0, len(MAGIC) + len(OWN_HEADER)), 0, {OWN_HEADER}):
-            self.contents.damages.append(f"is damaged in its first {len(MAGIC) + len(OWN_HEADER)} bytes")
+        first = at + self.length_of_header() if at else 0
+        if unconfirmed(self.bytes_at(0, first), 0, {OWN_HEADER}):
+            self.contents.damages.append(f"is damaged in its first {first} bytes")
         known = at  # end of what is certain: a wrong length leads from a record to a wrong place
         while at and not self.contents.finished:
             progress(at / size)
@@ -235,8 +237,18 @@ class Scan:
             contents.written = read("Statistics", body).message_count
         else:
             contents.finished = True
-            if read("Footer", body).summary_crc and summary_in(self.descriptor, self.size) is None:
+            if summary_in(self.descriptor, self.size) is None and not self.has_no_checksum(body):
                 contents.damages.append("is damaged: the checksum of its summary is wrong")
+
+    def length_of_header(self) -> int:
+        """Return the length of the first record, which another writer may have written; else that of a recording."""
+        kind, length = HEAD.unpack(self.bytes_at(len(MAGIC), HEAD.size).ljust(HEAD.size, b"\0"))
+        return HEAD.size + length if kind == HEADER and length < HEAD_LIMIT else len(OWN_HEADER)
+
+    def has_no_checksum(self, footer: bytes) -> bool:
+        """Return whether the summary was written without a checksum: by another writer, with a correct end."""
+        end = self.bytes_at(self.size - len(MAGIC), len(MAGIC))
+        return read("Footer", footer).summary_crc == 0 and end == MAGIC and self.contents.library != LIBRARY
 
     def chunk(self, at: int, end: int) -> int | None:
         """Take a chunk. end : end of its record. Returns as `record`"""

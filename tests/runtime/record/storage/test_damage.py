@@ -271,6 +271,22 @@ def test_a_wrong_byte_outside_of_every_chunk_is_reported_although_no_tick_is_los
         assert not trial.complete and not trial.unfinished or file.open is None and not file.must_be_reported(damage[1])
 
 
+def test_an_end_of_zeros_is_reported_from_any_byte_of_the_footer_on(file):
+    if file.open is None:
+        for at in range(len(file.data) - 37, len(file.data)):
+            file.path.write_bytes(DAMAGES["padded"](file.data, at))
+            assert not runtime.load(file.path).complete, at
+
+
+def test_a_summary_without_a_checksum_is_accepted_of_another_writer_alone(tmp_path, monkeypatch):
+    for library, complete in ((LIBRARY, False), ("mcap go v1.7.0", True)):
+        monkeypatch.setitem(globals(), "LIBRARY", library)
+        data = FILES["zstd-of-another"](tmp_path, monkeypatch)
+        (tmp_path / "a.mcap").write_bytes(data[:-12] + bytes(4) + data[-8:])
+        trial = runtime.load(tmp_path / "a.mcap")
+        assert trial.complete == complete and bool(trial.trouble) != complete and len(trial) == TICKS
+
+
 @pytest.mark.soak
 def test_each_byte_of_a_recording_costs_no_more_than_its_chunk(file):
     for first in range(len(DAMAGES)):
