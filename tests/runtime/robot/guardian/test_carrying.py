@@ -262,18 +262,40 @@ def test_stalled_loop_is_stopped_and_its_last_tick_reported():
     )
 
 
+def damp(guardian):
+    """Let the safe stop begin by damping."""
+    for device in guardian.devices:
+        device["damp"] = {
+            "duration": 0.1,
+            "round": 0.002,
+            "acceleration": 500.0,
+            "transit": 0.0,
+            "velocity": None,
+            "bands": [(math.inf, [(1, b"damp")])],
+        }
+
+
+@pytest.mark.parametrize("hold, closed", [(0.03, False), (60.0, True)])
+def test_a_relay_that_may_have_dropped_since_the_newest_tick_is_not_closed_again(hold, closed):
+    reader, line = os.pipe()
+    os.set_blocking(reader, False)
+
+    def look(guardian, shared):
+        damp(guardian)
+        guardian.relays = [{"descriptor": line, "gpio": False, "frames": ["01", "00"], "hold": hold}]
+        time.sleep(guardian.limit * 1e-9 + 0.001)  # the relay has a clock of its own
+        guardian.check_loop(time.monotonic_ns())
+
+    judged(look)
+    os.close(line)
+    assert os.read(reader, 10) == (b"\1" if closed else b"")
+    os.close(reader)
+
+
 @pytest.mark.parametrize("tick, moving", [(0, False), (1, True)])
 def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
     def look(guardian, shared):
-        for device in guardian.devices:
-            device["damp"] = {
-                "duration": 0.1,
-                "round": 0.002,
-                "acceleration": 500.0,
-                "transit": 0.0,
-                "velocity": None,
-                "bands": [(math.inf, [(1, b"damp")])],
-            }
+        damp(guardian)
         guardian.check_loop(shared.beat + guardian.limit + 1)
 
     guardian = judged(look, tick)
