@@ -149,7 +149,7 @@ TARGETS = (
         "runtime/robot/guardian/process.py",
         ("check_loop", "begin_stop", "carry"),
         (),
-        named("tests/runtime/robot/guardian", "carrying stopping relay"),
+        named("tests/runtime/robot/guardian", "carrying stopping relay misdeeds"),
     ),
     Target(
         "runtime/robot/guardian/handover.py",

@@ -144,7 +144,7 @@ def test_the_fence_is_up_and_the_stop_is_shown_before_its_first_frame():
 def test_stop_repeats_until_both_drives_acknowledge_it(robot):
     answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), time.monotonic_ns() + 10**12)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
-    robot.guardian.begin_stop("died", 0, time.monotonic_ns())
+    robot.guardian.begin_stop("died", 0, time.monotonic_ns() + 10**11)  # so that no reply is late on a busy machine
     assert robot.guardian.stop.report()["confirmed"] == []
     robot.receive(0)  # these were on their way
     assert robot.guardian.stop.report()["confirmed"] == []
@@ -345,13 +345,14 @@ def crash(guardian, shared):
     "deed, verdict",
     [
         (lambda guardian, shared: setattr(guardian, "dead", True), {"because": "died"}),
+        (lambda guardian, shared: setattr(guardian, "cut_off", True), {"because": "cut off"}),
         (crash, {"because": "died", "block": "law", "signal": "SIGSEGV"}),
         (
             lambda guardian, shared: suspend(shared.fd, 3600.0),
             {"because": "suspended", "silent": pytest.approx(3600.0, abs=1)},
         ),
     ],
-    ids=["exit", "crash", "suspend"],
+    ids=["exit", "closed pipe", "crash", "suspend"],
 )
 def test_drives_are_stopped_at_once_and_the_cause_reported(deed, verdict):
     def look(guardian, shared):
@@ -379,7 +380,30 @@ def test_finished_loop_is_not_stopped():
     assert guardian.shared.state == "safe" and guardian.verdict is None
 
 
+def test_the_end_of_a_second_stop_is_shown_like_that_of_the_first():
+    """The guardian stopped a stalled loop, which then goes on, and whose own stop a drive does not confirm."""
+    shown = []
+
+    class Shown(SharedState):
+        def show_stop(self, stops):
+            shown.append(stops)
+
+    guardian = Carrying(Shown(1 << 12)).guardian
+    for because, begin in (("stalled", 0), ("unconfirmed", 1_000_000_000)):
+        guardian.begin_stop(because, 50_000_000, begin)
+        for now in (begin + 100_000_000, begin + 300_000_000):
+            guardian._report_stop(guardian.stop, guardian.verdict, now)
+    assert shown == [True, False] * 2
+
+
 # A bus that the loop drives itself
+
+
+def test_a_stop_is_not_repeated_without_a_send_that_had_begun_before_the_fence(robot):
+    robot.guardian.begin_stop("stalled", 50_000_000, 0)
+    stop = robot.guardian.stop
+    robot.guardian.stop_again_if_due(1_000_000)
+    assert robot.guardian.stop is stop and "again" not in robot.guardian.verdict
 
 
 @pytest.mark.parametrize("end", ["goes on", "dies"])

@@ -95,7 +95,7 @@ def test_an_interface_that_blocks_does_not_delay_the_guardian(tmp_path, interfac
 @pytest.mark.soak
 def test_unplugged_third_party_adapter_ends_run_with_message(tmp_path):
     with Line("serial") as line:
-        process = run(tmp_path, line)
+        process = run(tmp_path, line, "--stop-for", "0.2")
         deadline = time.monotonic() + 10.0
         while len(line.frames) < 100 and time.monotonic() < deadline:
             time.sleep(0.01)
