@@ -110,6 +110,7 @@ TARGETS = (
         ("begin", "sent", "is_at_rest", "note", "note_rest", "judge", "judge_answers"),
         ("cext/safety/stop_confirmation",),
         (
+            "tests/cext/safety/test_stop_confirmation.py",
             *named("tests/blocks/actuators", "robstride_life cubemars_extended_life"),
             "tests/runtime/robot/guardian/test_safe_stop.py",
             "tests/cext/schedule/test_stop_values.py",

@@ -1,0 +1,186 @@
+"""Confirmation of a safe stop by the values of single replies, in virtual time. With whole drives of every family:
+tests/cext/schedule/test_stop_values.py.
+"""
+
+import struct
+
+import pytest
+
+from cext.safety.stop_confirmation import StopConfirmation
+from cext.safety.thresholds import STOP_LISTEN_LIMIT, STOP_REPORTS, STOP_REST
+from graph import ReplyField, StopReply
+
+ROUND = 5_000_000  # ns
+ID, OTHER = 0x101, 0x102
+FRAMES = ((ID, 0x7FF, False, b""), (OTHER, 0x7FF, False, b""))
+TORQUE = ReplyField(FRAMES, 0, 16, -32.768, 32.767, signed=True)
+STATE = ReplyField(FRAMES, 16, 8, 0.0, 255.0)
+ECHO = (2, 0xA1)  # byte of a report, and its value after a disable
+
+
+def confirming(**options):
+    return StopConfirmation(StopReply(FRAMES, **{"torque": TORQUE, "rest": 0.5} | options))
+
+
+def told(torque, state=0):
+    return struct.pack(">hB", round(torque * 1000), state)
+
+
+def ask(confirmation, rounds, answers=(told(0.0), told(0.0)), begin=0, source=ID):
+    """Rounds of a stop, each answered after 1 ms. Returns the time of the next."""
+    for number in range(begin, begin + rounds):
+        confirmation.judge(number * ROUND, ROUND)
+        if confirmation.may_send():
+            confirmation.sent(number * ROUND, len(answers))
+            for data in answers:
+                assert confirmation.note_frame(source, data, number * ROUND + 1_000_000)
+    return (begin + rounds) * ROUND
+
+
+def in_the_silence(**options):
+    """A drive that has answered two rounds at rest, and is asked nothing now. Returns it and the time."""
+    confirmation = confirming(**options)
+    now = ask(confirmation, 2)
+    assert not confirmation.judge(now, ROUND) and not confirmation.may_send()
+    return confirmation, now
+
+
+def test_a_question_that_is_answered_at_rest_and_a_silence_confirm():
+    confirmation, now = in_the_silence()
+    assert confirmation.judge(now + ROUND, ROUND) and confirmation.may_send()
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize(
+    "data",
+    [told(0.6), told(-0.6), told(5.0), told(0.0)[:1], b""],
+    ids=["torque", "negative torque", "much", "half a torque", "empty"],
+)
+def test_a_frame_in_the_silence_that_does_not_report_rest_lets_the_stop_go_on(data):
+    confirmation, now = in_the_silence()
+    assert confirmation.note_frame(ID, data, now + 2_000_000)
+    assert confirmation.may_send(), "at once"
+    assert not confirmation.judge(now + ROUND, ROUND)
+    ask(confirmation, 30, begin=now // ROUND + 1)
+    assert confirmation.confirmed, "once it is at rest again"
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize("data", [told(0.6), told(0.0)[:1]], ids=["torque", "half a torque"])
+def test_one_of_two_replies_that_does_not_report_rest_confirms_nothing(data):
+    confirmation = confirming()
+    ask(confirmation, 40, (told(0.0), data))
+    assert not confirmation.confirmed
+
+
+@pytest.mark.parametrize("torque, rests", [(0.5, True), (-0.5, True), (0.501, False), (-0.501, False)])
+def test_rest_is_a_torque_up_to_its_limit_in_either_direction(torque, rests):
+    confirmation = confirming()
+    ask(confirmation, 10, (told(torque), told(torque)))
+    assert confirmation.confirmed == rests and confirmation.newest == pytest.approx(torque, abs=1e-3)
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize(
+    "data, rests",
+    [(told(0.0), True), (told(0.0, 1), False), (told(0.0, 255), False), (told(0.0)[:2], False)],
+    ids=["disabled", "enabled", "any bit", "no state"],
+)
+def test_a_drive_that_reports_its_state_is_at_rest_only_if_that_is_disabled(data, rests):
+    confirmation = confirming(enabled=STATE)
+    ask(confirmation, 10, (data, data))
+    assert confirmation.confirmed == rests
+
+
+def test_bits_of_the_identifier_that_report_an_enabled_drive_confirm_nothing():
+    frames = ((0x100, 0x700, False, b""),)
+    for source, rests in ((0x101, True), (0x111, False)):
+        confirmation = StopConfirmation(StopReply(frames, torque=TORQUE, rest=0.5, disabled=(0x10, 0x00)))
+        ask(confirmation, 10, source=source)
+        assert confirmation.confirmed == rests, hex(source)
+
+
+def test_replies_of_two_devices_to_one_round_confirm_nothing():
+    confirmation = confirming()
+    for number in range(20):
+        confirmation.judge(number * ROUND, ROUND)
+        if confirmation.may_send():
+            confirmation.sent(number * ROUND, 2)
+            for source in (ID, OTHER):
+                confirmation.note_frame(source, told(0.0), number * ROUND + 1_000_000)
+    assert not confirmation.confirmed
+
+
+def test_a_round_that_was_sent_while_earlier_replies_may_be_under_way_confirms_nothing():
+    confirmation = confirming()
+    confirmation.begin(0, 3 * ROUND)
+    for number in range(4):
+        now = ask(confirmation, 1, begin=number)
+        assert confirmation.judge(now, ROUND) is False and confirmation.may_send() == (number < 3), number
+
+
+def test_a_confirmation_is_withdrawn_by_torque_and_given_again_by_a_question_and_a_silence():
+    confirmation, now = in_the_silence()
+    assert confirmation.judge(now + ROUND, ROUND)
+    confirmation.note_frame(ID, told(2.0), now + ROUND + 1)
+    assert not confirmation.confirmed and confirmation.may_send()
+    assert not confirmation.judge(now + 2 * ROUND, ROUND)
+    ask(confirmation, 40, begin=now // ROUND + 2)
+    assert confirmation.confirmed
+
+
+def test_a_late_reply_in_the_silence_makes_the_next_one_longer():
+    confirmation, now = in_the_silence()
+    confirmation.note_frame(ID, told(0.0), now + 2_000_000)
+    assert not confirmation.judge(now + ROUND, ROUND) and not confirmation.may_send(), "there may be more"
+    assert not confirmation.judge(now + 2 * ROUND, ROUND) and confirmation.may_send()
+
+
+def test_a_silence_that_is_broken_again_and_again_ends():
+    confirmation, now = in_the_silence()
+    for later in range(1_000_000, 2 * STOP_LISTEN_LIMIT, 2_000_000):
+        confirmation.note_frame(ID, told(0.0), now + later)
+        confirmation.judge(now + later, ROUND)
+    assert not confirmation.confirmed and confirmation.may_send()
+
+
+# Drives that report by themselves
+
+
+def reported(confirmation, data, begin, count=1):
+    """Reports, 1 ms apart, after a question at `begin`. Returns the time of the last."""
+    confirmation.sent(begin, 1)
+    for number in range(count):
+        confirmation.note_frame(ID, data, begin + number * 1_000_000)
+    return begin + (count - 1) * 1_000_000
+
+
+@pytest.mark.parametrize("count", range(1, STOP_REPORTS + 2))
+def test_an_echo_of_the_disable_confirms_after_consecutive_reports_at_rest(count):
+    confirmation = confirming(reports=True, echo=ECHO)
+    last = reported(confirmation, told(0.0, ECHO[1]), 0, count)
+    assert confirmation.judge(last, ROUND) == (count >= STOP_REPORTS)
+
+
+@pytest.mark.parametrize("byte, confirms", [(0, False), (5, True)], ids=["nothing", "an error code"])
+def test_without_an_echo_rest_confirms_only_if_an_error_code_is_in_its_place_and_it_lasts(byte, confirms):
+    confirmation = confirming(reports=True, echo=ECHO)
+    last = reported(confirmation, told(0.0, byte), 0, STOP_REST // 1_000_000)
+    assert not confirmation.judge(last, ROUND)
+    assert confirmation.judge(STOP_REST, ROUND) == confirms
+
+
+def test_an_error_code_that_has_gone_is_not_in_the_place_of_an_echo():
+    confirmation = confirming(reports=True, echo=ECHO)
+    reported(confirmation, told(0.0, 5), 0, STOP_REST // 1_000_000)
+    confirmation.note_frame(ID, told(0.0), STOP_REST)
+    assert not confirmation.judge(STOP_REST, ROUND)
+
+
+def test_torque_between_reports_begins_the_rest_again():
+    confirmation = confirming(reports=True)
+    last = reported(confirmation, told(0.0), 0, STOP_REST // 1_000_000)
+    confirmation.note_frame(ID, told(3.0), last + 1)
+    reported(confirmation, told(0.0), last + 1_000_000, 2)
+    assert not confirmation.judge(last + 2_000_000, ROUND)
+    assert confirmation.judge(last + 1_000_000 + STOP_REST, ROUND)
