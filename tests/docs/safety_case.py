@@ -139,7 +139,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "Two senders with one id end it too, because each would hide the silence of the other.",
             "d": "The stop is repeated until each drive has confirmed it: by torque or current near zero and, where it "
             "reports it, its disabled state, in as many replies as were asked for. Drives that have not confirmed "
-            "after 200 ms are named, and their frames continue, even if a terminal accepts no output.",
+            "after 200 ms are named, and their frames continue, even if a terminal accepts no output, or if a new run "
+            "that has taken the bus over is stopped before it arms.",
             "e": "Where the network is not the robot's own, the button signs its frames. Others, changed ones and "
             "recorded ones do not count.",
         },
