@@ -173,6 +173,9 @@ class Protocol:
     def press(self, key: str, question: int | None = None) -> None:
         """Take a key, a character or the name of one. question : number of its question; None for the newest"""
         if question not in (None, self.question):
+            self.report(
+                "ignored", [f"{key} was pressed before the question was shown, or too long ago: press it again"]
+            )
             return
         if self.phase == "type" and (key in NUMERALS or key in BACKSPACE or key == "enter"):
             self.text = self.text[:-1] if key in BACKSPACE else self.text + key * (key != "enter")

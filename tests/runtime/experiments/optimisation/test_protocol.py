@@ -131,6 +131,15 @@ def test_each_change_waits_for_confirmation():
     assert experiment.steps() == ["begin", *EVALUATION, "found"]
 
 
+@pytest.mark.hazard("H16c")
+def test_a_key_from_before_the_question_is_ignored_and_the_operator_is_asked_to_press_it_again():
+    experiment = Experiment(evaluations=1, confirm=True).run(300)
+    experiment.protocol.press("y", experiment.protocol.question - 1)
+    experiment.run(300)
+    assert experiment.steps() == ["begin", "ignored"] and experiment.wearer.history == []
+    assert experiment.last("ignored")["lines"][0].endswith("too long ago: press it again")
+
+
 def test_skipped_proposal_has_no_cost_and_another_follows():
     experiment = Experiment(evaluations=1)
     experiment.run(until=lambda: experiment.protocol.phase == "measure")
