@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from msgspec import Struct
+from msgspec.structs import replace
 
-@dataclass(frozen=True)
-class Side:
+
+class Side(Struct, frozen=True):
     """One side of a rule: constant + Σ factor · value. terms : (name or index of a parameter, factor)"""
 
     text: str
@@ -38,8 +39,7 @@ class Side:
         return self.terms[0][0] if len(self.terms) == 1 and (self.terms[0][1], self.constant) == (1.0, 0.0) else None
 
 
-@dataclass(frozen=True)
-class Rule:
+class Rule(Struct, frozen=True):
     """A comparison of two sides.
 
     word : "at most", "below", "at least" or "above"

@@ -8,8 +8,9 @@ average about one for 16 data bits. (ISO 11898-1.) A byte on a serial line has t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from graph.device import Device
 from graph.stream import StreamDevice
@@ -21,8 +22,7 @@ SERIAL_BITS_PER_BYTE = 10
 DAMPING_BUS_LOAD = 0.8  # share of the bitrate that a damped safe stop uses
 
 
-@dataclass(frozen=True)
-class BusLoad:
+class BusLoad(Struct, frozen=True):
     """Load of a CAN bus.
 
     bitrate : bit/s; frames : commands and replies per second
@@ -36,8 +36,7 @@ class BusLoad:
     worst: float
 
 
-@dataclass(frozen=True)
-class LineLoad:
+class LineLoad(Struct, frozen=True):
     """Least load of a device's serial line. speed : bit/s; messages, bytes : messages and bytes per second"""
 
     device: object

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
 
 from graph.device import Actuator
 
@@ -15,8 +16,7 @@ if TYPE_CHECKING:
 ACCEPT = "on a rig, arming requires --accept {}"
 
 
-@dataclass(frozen=True)
-class Caveat:
+class Caveat(Struct, frozen=True):
     """A reason why the torque of an actuator may exceed its limit. On a rig, the operator must accept it.
 
     path : path of the actuator; setting : parameter that causes it; words : reason, as text

@@ -1,8 +1,9 @@
 """Descriptions of a device that the schedule passes to native code: monitors, replies, stop, bounds."""
 
 import math
-from dataclasses import dataclass
 from typing import Any, TypeAlias
+
+from msgspec import Struct
 
 Frame: TypeAlias = tuple[int, bool, bytes]
 """Arbitration id, whether the id is extended, data."""
@@ -10,8 +11,7 @@ Pattern: TypeAlias = tuple[int, int, bool, bytes]
 """Arbitration id, mask of its bits, whether the id is extended, first bytes of the data."""
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(Struct, frozen=True):
     """Limits of an actuator's motion and torque during a run (cext/safety/motion_watch.pxd).
 
     acceleration : highest acceleration assumed while stiffness or damping is commanded, rad/s²
@@ -46,8 +46,7 @@ class Motion:
     torque_tolerance: float = math.inf
 
 
-@dataclass(frozen=True)
-class Watch:
+class Watch(Struct, frozen=True):
     """Torque and temperature limits of an actuator during a run (cext/safety/drive_watch.pyx).
 
     rated, limit : rated and highest torque at the output `torque`, N·m; the RMS torque is written to `rms_torque`
@@ -97,8 +96,7 @@ class Watch:
         )
 
 
-@dataclass(frozen=True)
-class ReplyField:
+class ReplyField(Struct, frozen=True):
     """An integer field in a reply frame, most significant bit first, described without a decoder.
 
     The value is low + code (high - low) / (2^bits - 1). In a signed field (two's complement) the first bit is inverted
@@ -118,8 +116,7 @@ class ReplyField:
     little_endian: bool = False
 
 
-@dataclass(frozen=True)
-class StopReply:
+class StopReply(Struct, frozen=True):
     """Replies of a device in a safe stop, and what they report at rest (cext/safety/stop_confirmation.pyx).
 
     frames : its replies, as (arbitration id, mask, is extended, first bytes)
@@ -144,8 +141,7 @@ class StopReply:
     reports: bool = False
 
 
-@dataclass(frozen=True)
-class CommandReplies:
+class CommandReplies(Struct, frozen=True):
     """How an actuator answers commands (cext/safety/transit.pxd).
 
     max_transit : time from a command to its reply up to which stiffness and damping are permitted, s
@@ -161,8 +157,7 @@ class CommandReplies:
     to_set_up: int | None = None
 
 
-@dataclass(frozen=True)
-class DampedStop:
+class DampedStop(Struct, frozen=True):
     """Frames that damp a joint at the beginning of a safe stop, chosen in cext/safety/speed_bands.pyx.
 
     duration : duration of the damping, s; the device is disabled afterwards
@@ -184,8 +179,7 @@ class DampedStop:
     transit: float = 0.0
 
 
-@dataclass(frozen=True)
-class Zeroing:
+class Zeroing(Struct, frozen=True):
     """The frame that makes the present position of a drive its zero (cext/safety/zeroing.pxd).
 
     frame : (arbitration id, is extended, data)
@@ -200,8 +194,7 @@ class Zeroing:
     at_arming: bool = False
 
 
-@dataclass(frozen=True)
-class TorqueBound:
+class TorqueBound(Struct, frozen=True):
     """Bound of an actuator's torque, and its justification.
 
     kind : "proved", from the bounds of the commands; "assumed", under an assumption; "drive", a limit inside the drive
@@ -230,8 +223,7 @@ class TorqueBound:
         return f"limit {self.limit:g} N·m{words.get(self.kind, '')}"
 
 
-@dataclass(frozen=True)
-class Deviation:
+class Deviation(Struct, frozen=True):
     """A setting of an actuator that differs from the table of its model.
 
     The proof of the torque limit assumes that the setting is correct; `effect` and `factor` state what holds if the
@@ -255,8 +247,7 @@ class Deviation:
     safe: bool = False
 
 
-@dataclass(frozen=True)
-class Winding:
+class Winding(Struct, frozen=True):
     """Currents of an actuator, as amplitudes in a phase of its motor, and its supply.
 
     limit : torque limit at the joint, N·m; None if its command does not bound the torque

@@ -2,9 +2,10 @@
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+
+from msgspec import Struct
 
 CODES = {
     "TW001": "unconnected input",
@@ -44,8 +45,7 @@ CODES = {
 }
 
 
-@dataclass(frozen=True)
-class Location:
+class Location(Struct, frozen=True):
     """The file and line of a block or a wire."""
 
     file: str
@@ -55,8 +55,7 @@ class Location:
         return f"{self.file}:{self.line}"
 
 
-@dataclass(frozen=True)
-class Diagnostic:
+class Diagnostic(Struct, frozen=True):
     """An error or a warning about a diagram.
 
     code : key of CODES

@@ -10,8 +10,9 @@ The runtime carries a dialogue out on a bus or a port; a test sends it the answe
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from typing import Any
+
+from msgspec import Struct
 
 Frame = tuple[int, bool, bytes]  # arbitration id, is extended, data
 Reader = Callable[[int, bool, bytes], Any]  # reply that a frame contains, or None
@@ -30,24 +31,21 @@ class NoReply(Exception):
     """The device at a serial line has not replied."""
 
 
-@dataclass(frozen=True)
-class Send:
+class Send(Struct, frozen=True):
     """Send one CAN frame. why : purpose, for the report. Yields whether the frame was sent."""
 
     frame: Frame
     why: str
 
 
-@dataclass(frozen=True)
-class Listen:
+class Listen(Struct, frozen=True):
     """Receive CAN frames for `seconds`, or until `until(frames)` is true. Yields the list of frames."""
 
     seconds: float
     until: Callable[[list[Frame]], bool] | None = None
 
 
-@dataclass(frozen=True)
-class Exchange:
+class Exchange(Struct, frozen=True):
     """Write `data` to a serial line. Yields the next bytes.
 
     It yields b"" if none arrived within `timeout` s of the last write. Without data it waits for more bytes of the same
@@ -58,15 +56,13 @@ class Exchange:
     timeout: float = 0.0
 
 
-@dataclass(frozen=True)
-class Show:
+class Show(Struct, frozen=True):
     """Show lines to the operator. Yields None."""
 
     lines: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Confirm:
+class Confirm(Struct, frozen=True):
     """Ask the operator for permission, as in "apply these changes". Yields True or False."""
 
     what: str

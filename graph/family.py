@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import Struct
+
 from graph.dialogue import Dialogue, Frame, Reader, Rejected
 
 ENTRY_POINTS = "tickwork.families"
@@ -45,8 +47,7 @@ class Answer:
     block: str = ""
 
 
-@dataclass(frozen=True)
-class Query:
+class Query(Struct, frozen=True):
     """A request frame to every id of a bus, which enables no drive, and the parser of its replies.
 
     A frame that the queries of several families share (the same function and purpose) is sent once.
@@ -64,8 +65,7 @@ class Query:
     details: Callable[[Answer], Dialogue] | None = None
 
 
-@dataclass(frozen=True)
-class StopQuery:
+class StopQuery(Struct, frozen=True):
     """The frame that removes the torque of one drive, and the parser of its reply.
 
     frame : None for a drive that reports without a request; read : (arbitration id, is extended, data) -> Answer, or
@@ -76,8 +76,7 @@ class StopQuery:
     read: Reader
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(Struct, frozen=True):
     """One actuator block of a family, and its use by the command `move`.
 
     block : class; find : returns the model of a name, raises ValueError
@@ -105,8 +104,7 @@ class Drive:
     endings: tuple = ()
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(Struct, frozen=True):
     """Models for `blocks --actuators`. title : heading; usage : text that lists the blocks that accept these names"""
 
     title: str
@@ -114,8 +112,7 @@ class Table:
     models: dict
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(Struct, frozen=True):
     """Sensors on CAN that follow SAE J1939.
 
     manufacturer : code in the NAME; groups : {parameter group: measured quantity}
@@ -134,8 +131,7 @@ class Node:
     silent: str = ""
 
 
-@dataclass(frozen=True)
-class Chip:
+class Chip(Struct, frozen=True):
     """A type of chip on I2C.
 
     addresses : possible addresses; registers : (register, {value: name}, mask) that identify it
@@ -154,8 +150,7 @@ class Chip:
         return self.block.__name__.lower() if self.block is not None else ""
 
 
-@dataclass(frozen=True)
-class Benchmark:
+class Benchmark(Struct, frozen=True):
     """A typical device of a family, for measurements by `bench` and `rate`.
 
     block, emulator : classes; parameters : parameters of both classes, such as {"model": ...}
@@ -164,13 +159,12 @@ class Benchmark:
 
     block: type
     emulator: type
-    parameters: dict = field(default_factory=dict)
+    parameters: dict = {}
     stream: Callable[[int, float], bytes] | None = None
     parse: Callable[[bytes], Any] | None = None
 
 
-@dataclass(frozen=True)
-class Request:
+class Request(Struct, frozen=True):
     """Changes to one drive that `configure` requests.
 
     reads : names of parameters, "all" for all of them; writes : texts NAME=VALUE

@@ -1,10 +1,10 @@
 """Result of a compile, as data: arena, steps in order, devices, recorded signals. `cext` executes it."""
 
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from cext.rules import Side
 from graph.arena_layout import KernelTable
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from graph.block import Sink
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(Struct, frozen=True):
     """One call in a tick: a kernel with its table, or a Python function.
 
     inputs : (name, slot, dtype, shape) of each argument; outputs : (name, slot, dtype, shape, low, high) of each result
@@ -34,8 +33,7 @@ class Step:
     allowance: float = 0.0  # s that it may take beyond the limits of watchdog and guardian
 
 
-@dataclass(frozen=True)
-class WatchSteps:
+class WatchSteps(Struct, frozen=True):
     """The Watch of an actuator and the slots that it uses, -1 for a quantity that the actuator does not have.
 
     law_limit : slot of the remaining torque limit, read by the kernel; full : its initial value, N·m
@@ -58,8 +56,7 @@ class WatchSteps:
     gains: int = -1
 
 
-@dataclass(frozen=True)
-class ZeroSteps:
+class ZeroSteps(Struct, frozen=True):
     """The Zeroing of an actuator and the slots that it uses, -1 for a quantity that the actuator does not have.
 
     request : slot of the input `zero`
@@ -73,8 +70,7 @@ class ZeroSteps:
     current: int
 
 
-@dataclass(frozen=True)
-class DeviceSteps:
+class DeviceSteps(Struct, frozen=True):
     """A device: its two kernels with their tables, and the frames of arming and of the safe stop."""
 
     name: str
@@ -115,8 +111,7 @@ class DeviceSteps:
     set_up_replies: int = 0  # replies with a sample to its set-up frames
 
 
-@dataclass(frozen=True)
-class SignalPlace:
+class SignalPlace(Struct, frozen=True):
     """A signal and its slot in the arena."""
 
     path: str
@@ -132,8 +127,7 @@ class SignalPlace:
         return math.prod(self.shape)
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(Struct, frozen=True):
     """One recorded number: its index in the row, its header, and the ticks from one recorded sample to the next."""
 
     index: int
@@ -144,16 +138,14 @@ class Column:
     every: int = 1
 
 
-@dataclass(frozen=True)
-class SinkColumns:
+class SinkColumns(Struct, frozen=True):
     """A recorder or viewer, and its columns."""
 
     block: "Sink"
     columns: tuple[Column, ...]
 
 
-@dataclass(frozen=True)
-class LiveParameter:
+class LiveParameter(Struct, frozen=True):
     """A parameter that may change while running.
 
     slot : index in the arena, -1 for none; block : the Python block with this attribute, or None
@@ -172,8 +164,7 @@ class LiveParameter:
     slew: float  # unit per second, infinite for a step
 
 
-@dataclass(frozen=True)
-class HeldBound:
+class HeldBound(Struct, frozen=True):
     """Numbers in the arena that a block keeps while it does not run. low, high : bounds, as the sides of a LiveRule"""
 
     slot: int
@@ -182,8 +173,7 @@ class HeldBound:
     high: Side
 
 
-@dataclass(frozen=True)
-class Proof:
+class Proof(Struct, frozen=True):
     """Proved interval of a command of an actuator, and its limit."""
 
     path: str
@@ -199,8 +189,7 @@ class Proof:
         return self.interval in self.limit
 
 
-@dataclass
-class Schedule:
+class Schedule(Struct):
     """A compiled diagram: arena, steps in order, devices, recorded signals, proofs and warnings."""
 
     name: str
@@ -223,15 +212,15 @@ class Schedule:
     inputs: dict  # path: {input name: slot}, scalars only
     parameters: dict  # "left/impedance.stiffness": slot, native blocks only
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
-    live: list = field(default_factory=list)  # LiveParameter, by path
-    live_rules: list = field(default_factory=list)  # cext.rules.LiveRule
-    held_bounds: list = field(default_factory=list)  # HeldBound
-    proofs: list = field(default_factory=list)
-    torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound
-    caveats: list = field(default_factory=list)  # graph.caveats.Caveat of each torque limit that may not hold
-    loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus
-    holds: list = field(default_factory=list)  # (source, its every, input, its every) where rates meet
-    warnings: list = field(default_factory=list)
+    live: list = []  # LiveParameter, by path
+    live_rules: list = []  # cext.rules.LiveRule
+    held_bounds: list = []  # HeldBound
+    proofs: list = []
+    torque_bounds: dict = {}  # path of an actuator: graph.TorqueBound
+    caveats: list = []  # graph.caveats.Caveat of each torque limit that may not hold
+    loads: list = []  # graph.budget.BusLoad, one a bus
+    holds: list = []  # (source, its every, input, its every) where rates meet
+    warnings: list = []
 
     @property
     def allowance(self) -> float:

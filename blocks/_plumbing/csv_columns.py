@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 
 import numpy as np
+from msgspec import Struct
 
 from graph import units
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(Struct, frozen=True):
     """Columns of a file: names, units in the header or "", and the text of the rows with their line numbers."""
 
     file: str

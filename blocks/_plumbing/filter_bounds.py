@@ -11,11 +11,11 @@ digital filters, 1970.)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from cext.kernels.filter_bounds import impulse_sums
 from graph.interval import EVERYTHING, Interval
@@ -42,8 +42,7 @@ def designed(block: Any) -> Any:
         return None
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(Struct, frozen=True):
     """Bounds of the effect of inputs on outputs.
 
     positive, negative : (p, m), sums of the two parts of each impulse response

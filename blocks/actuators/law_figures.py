@@ -3,7 +3,7 @@
 See cext/kernels/devices/drive_law.pxd.
 """
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from graph import Interval
@@ -13,8 +13,7 @@ HALF_WAY = 1.5  # and to the middle of one in time
 SPEED = 10.0  # rad/s of a joint when its loop stalls: beyond fast walking
 
 
-@dataclass(frozen=True)
-class Law:
+class Law(Struct, frozen=True):
     """Limits and commands of a drive's impedance law, all at the joint.
 
     limit : N·m

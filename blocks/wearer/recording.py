@@ -6,9 +6,9 @@ follows from the angles: strides, the path of the hips over the loaded feet, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from blocks._plumbing.csv_columns import Table, read_table
 from blocks.wearer.body import GRAVITY, SHANK_LENGTH, THIGH_LENGTH
@@ -44,8 +44,7 @@ LEAST_LOAD = 1e-3  # body weights, that keeps the path of the hips defined while
 PHASES = slice(18, 20)  # of a sample
 
 
-@dataclass(frozen=True)
-class Leg:
+class Leg(Struct, frozen=True):
     """Recorded curves of a leg, over time in the first axis."""
 
     angles: Real  # of hip, knee and ankle, rad
@@ -56,8 +55,7 @@ class Leg:
     thigh: Real | None  # pitch, rad
 
 
-@dataclass(frozen=True)
-class Strides:
+class Strides(Struct, frozen=True):
     """Strides of a leg."""
 
     phase: Real  # unwrapped, in strides
@@ -231,7 +229,7 @@ def average_moments(strides: Strides, stride_time: float, walk: Real, torques: R
 
 def closed_leg(leg: Leg, cut: int, seam: int, dt: float) -> Leg:
     """Return a leg whose motion repeats, with smooth angles."""
-    curves = {name: closed(curve, cut, seam) for name, curve in vars(leg).items() if curve is not None}
+    curves = {name: closed(curve, cut, seam) for name, curve in asdict(leg).items() if curve is not None}
     curves["angles"] = np.column_stack([smooth(curve, dt, CUTOFF)[0] for curve in curves["angles"].T])
     if leg.contact is not None:
         curves["contact"] = leg.contact[:cut]
@@ -311,5 +309,5 @@ def half_a_stride_later(leg: Leg, strides: Strides) -> tuple[Leg, Strides]:
         part = (at - whole).reshape(count, *[1] * (curve.ndim - 1))
         return (1.0 - part) * curve[whole] + part * curve[whole + 1]
 
-    changes = {name: moved(curve) for name, curve in vars(leg).items() if curve is not None}
+    changes = {name: moved(curve) for name, curve in asdict(leg).items() if curve is not None}
     return replace(leg, **changes), replace(strides, phase=phase + 0.5)

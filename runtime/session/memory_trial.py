@@ -7,6 +7,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from graph.store import to_json
 from runtime.host.errors import BadInput
@@ -70,7 +71,7 @@ def about(result: Result) -> dict[str, Any]:
             "trial": {},
             "rig": None,
         },
-        "signals": [{**vars(column), "circle": list(column.circle)} for column in columns],
+        "signals": [{**asdict(column), "circle": list(column.circle)} for column in columns],
     }
 
 

@@ -15,17 +15,15 @@ from runtime.record.recorder import can_ask
 from runtime.robot.loading.file import compiled, load
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.simulation import Simulation
-from runtime.robot.rig.acceptance import require_acceptance
-from runtime.robot.rig.battery import require_supply
-from runtime.robot.rig.file import read
-from runtime.robot.rig.joints import require_ranges
-from runtime.robot.rig.poses import Poses
-from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from cext.schedule.program import Program
     from runtime.robot.rig.buses import RigBuses
+    from runtime.robot.rig.poses import Poses
+    from runtime.session.replay_feed import Feed
 
 NO_CONFIRMATION = (
     "on a rig the operator confirms the pre-flight table with Enter, but standard input, output and error are not a "
@@ -79,42 +77,54 @@ class Prepared:
 
 def prepare(request: Request) -> Prepared:
     """Load and compile the diagram of a Request. Returns a Prepared. Raises BadInput or DiagramError."""
-    rig = read(request.rig) if request.rig is not None else None
+    if request.rig is not None:
+        return prepare_on_rig(request, request.rig)
+    file, diagram = load(request.file, request.settings)
+    schedule, ticks = compile_adapted(request, diagram)
+    simulation = Simulation(file, diagram, schedule, request.bitrate, request.seed)
+    return Prepared(request, diagram, schedule, simulation, None, ticks, source_sha256=file.sha256)
+
+
+def prepare_on_rig(request: Request, path: Path) -> Prepared:
+    """Prepare a run on a rig. Arguments, result and errors as for `prepare`. path : path of the rig file"""
+    # a simulation starts without these
+    from runtime.robot.rig.acceptance import require_acceptance
+    from runtime.robot.rig.battery import require_supply
+    from runtime.robot.rig.buses import RigBuses
+    from runtime.robot.rig.file import read
+    from runtime.robot.rig.joints import require_ranges
+    from runtime.robot.rig.poses import Poses
+
+    rig = read(path)
     file, diagram = load(request.file, request.settings, rig)
-    if rig is not None and not request.bench:
+    if not request.bench:
         require_ranges(rig, diagram)
         require_supply(rig.battery, diagram, rig.path)
-    adapt(diagram, request)
-    ticks = ticks_of(request, diagram)
-    schedule = compiled(request.file, diagram)
-    check_rearming(diagram, request.rearm, can_ask())
-    if rig is not None:
-        require_acceptance(rig.path, schedule.caveats, request.accept)
-        if not request.yes and request.arm_on is None and not can_ask():
-            raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
-        poses = Poses(diagram, schedule, request.poses)
-        from runtime.robot.rig.buses import RigBuses  # a simulation starts without the interfaces
-
-        return Prepared(
-            request,
-            diagram,
-            schedule,
-            None,
-            RigBuses(rig, diagram, schedule.buses),
-            ticks,
-            poses=poses,
-            arm_slot=arming_slot(diagram, schedule, request.arm_on),
-            source_sha256=file.sha256,
-        )
+    schedule, ticks = compile_adapted(request, diagram)
+    require_acceptance(rig.path, schedule.caveats, request.accept)
+    if not request.yes and request.arm_on is None and not can_ask():
+        raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
+    poses = Poses(diagram, schedule, request.poses)
     return Prepared(
         request,
         diagram,
         schedule,
-        Simulation(file, diagram, schedule, request.bitrate, request.seed),
         None,
+        RigBuses(rig, diagram, schedule.buses),
         ticks,
+        poses=poses,
+        arm_slot=arming_slot(diagram, schedule, request.arm_on),
         source_sha256=file.sha256,
     )
+
+
+def compile_adapted(request: Request, diagram: Diagram) -> tuple[Schedule, int]:
+    """Apply the options of a Request to its diagram and compile it. Returns its Schedule and the number of ticks."""
+    adapt(diagram, request)
+    ticks = ticks_of(request, diagram)
+    schedule = compiled(request.file, diagram)
+    check_rearming(diagram, request.rearm, can_ask())
+    return schedule, ticks
 
 
 def arming_slot(diagram: Diagram, schedule: Schedule, signal: str | None) -> int:

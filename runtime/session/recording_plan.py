@@ -6,9 +6,10 @@ import math
 import os
 import re
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec.structs import asdict
 
 from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
@@ -77,7 +78,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
             "service": sink.block.service,
             "path": sink.block.path,
             "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
-            "columns": [{**vars(column), "labels": labels.get(column.path, [])} for column in sink.columns],
+            "columns": [{**asdict(column), "labels": labels.get(column.path, [])} for column in sink.columns],
             "every": sink.block.every,
             "wanted": request.plotjuggler is not None,
         }
@@ -93,7 +94,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "compression": request.compression,
         "can_log": request.can_log,
         "simulated": prepared.plant is not None,
-        "signals": [vars(column) for column in schedule.recorded],
+        "signals": [asdict(column) for column in schedule.recorded],
         "limits": limits(prepared.diagram, schedule),
         "buses": schedule.buses,
         "media": schedule.media,

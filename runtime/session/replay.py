@@ -17,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import asdict
+
 from cext.schedule.outcome import Outcome
 from graph.store import to_json
 from runtime.host.console.progress import Progress
@@ -165,7 +167,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
     add_recorder(trial, diagram)
     schedule = compiled(where, diagram)
     live_changes(trial, schedule)  # refuses before anything starts
-    comparison = ReplayComparison(trial.signals, {column.path: vars(column) for column in schedule.recorded})
+    comparison = ReplayComparison(trial.signals, {column.path: asdict(column) for column in schedule.recorded})
     feed = Feed(trial, schedule.buses, EXTERNAL_ENDS, comparison.add_recorded)
     last_tick = (trial.end or {}).get("last_tick")
     request = Request(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from blocks.actuators import deviations
 from blocks.actuators.cubemars import frames, models_v3

@@ -7,14 +7,14 @@ power-off unless they are saved, which only a RobStride can do.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from blocks.actuators.robstride.frames import WHOLE, WHOLE_OF_CYBERGEAR
 from graph.names import suggestion
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(Struct, frozen=True):
     """Parameter of a drive. writable : whether `configure` can write it; cybergear : whether the CyberGear has it"""
 
     index: int

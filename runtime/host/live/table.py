@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct, to_builtins
 
 from cext.rules import LiveRule, Rule, Side
 
@@ -19,8 +20,7 @@ STEPS = 20  # approximate number of key steps from bound to bound
 FINE = 10  # fine steps in a step
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(Struct, frozen=True):
     """Live parameter. dtype is "float", "int" or "bool"; slew in unit per second, math.inf for a step."""
 
     index: int
@@ -85,7 +85,7 @@ def nice(number: float) -> float:
 
 def describe(schedule: Schedule) -> tuple[int, bytes]:
     """Return (number of live parameters, their table with the recorded signals as JSON), for SharedState(live=...)."""
-    rules = [{"path": entry.path, **asdict(entry.rule)} for entry in schedule.live_rules]
+    rules = [{"path": entry.path, **to_builtins(entry.rule)} for entry in schedule.live_rules]
     parameters = [
         {
             "path": live.path,
@@ -105,8 +105,7 @@ def describe(schedule: Schedule) -> tuple[int, bytes]:
     ).encode()
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(Struct, frozen=True):
     """Table of live parameters.
 
     name, rate : name and rate in Hz of the diagram

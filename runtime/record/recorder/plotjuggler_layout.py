@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as tree
 
+from msgspec.structs import asdict
+
 from blocks.sinks import PlotJuggler
 from runtime.record.storage.grouping import by_unit
 from runtime.robot.loading.file import compiled, load
@@ -42,7 +44,7 @@ def columns(
             PlotJuggler()
     schedule = compiled(path, diagram)
     sink = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
-    signals = [vars(column) for column in sink.columns]
+    signals = [asdict(column) for column in sink.columns]
     return schedule.name, schedule.rate, [signals[place] for place in select(signals, sink.block.signals)], sink.block
 
 

@@ -27,7 +27,6 @@ from runtime.robot.loading import hints
 from runtime.robot.loading.diagram_file import DiagramFile
 from runtime.robot.loading.overrides import set_block_parameters, share_out
 from runtime.robot.loading.recorded_signals import select_recorded
-from runtime.robot.rig.overrides import override
 
 if TYPE_CHECKING:
     from traceback import FrameSummary
@@ -113,6 +112,8 @@ def build(
     if not len(diagram):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
+        from runtime.robot.rig.overrides import override  # a simulation starts without it
+
         override(rig, diagram)
     set_block_parameters(diagram, [(name, value) for name, value in settings if "." in name], before)
     return diagram

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict, replace
 
 from graph import Schedule
 from graph.schedule import Column
@@ -57,7 +57,7 @@ def selection(sink: Any) -> set[int]:
     if not sink.block.record:
         return {column.index for column in sink.columns}
     try:
-        places = select([vars(column) for column in sink.columns], sink.block.record)
+        places = select([asdict(column) for column in sink.columns], sink.block.record)
     except BadInput as error:
         raise BadInput(
             f"{sink.block.location}: {sink.block.path}: record: {error}; it selects signals: the option --record sets "
@@ -90,7 +90,7 @@ def recorded_of_plant(schedule: Schedule, names: str, first: int) -> dict[str, A
     fields = everything(schedule)
     columns = fields["recorded"]
     try:
-        places = select([vars(column) for column in columns], names)
+        places = select([asdict(column) for column in columns], names)
     except BadInput as error:
         raise BadInput(f"plant: {error}") from None
     return {

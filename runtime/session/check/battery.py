@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec.structs import asdict, replace
 
 from blocks.thermal import ThermalModel, loss_of_rating
 from cext.schedule.executor import Executor
@@ -49,7 +49,7 @@ def budget(
     continuous = [continuous_current(winding) for winding in drives.values()]
     mean = None if None in continuous else battery.load_current + sum(filter(None, continuous))
     return {
-        **asdict(battery),
+        **vars(battery),
         "energy": battery.energy,
         "drives": [
             {"actuator": path, **asdict(winding), "supply_current": supply_current(winding)}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
@@ -110,7 +112,7 @@ class OnRig:
         if not self.confirmed and not can_ask():
             raise BadInput(NO_CONFIRMATION)
         diagram = robot(self.make, self.ids, rate)
-        override(replace(self.rig, devices={}), diagram)
+        override(dataclasses.replace(self.rig, devices={}), diagram)
         for block in diagram:
             if hasattr(block, "emulator"):
                 block.bitrate = UNLIMITED

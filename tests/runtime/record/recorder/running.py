@@ -3,6 +3,8 @@
 import json
 from array import array
 
+from msgspec.structs import asdict
+
 from blocks.actuators import CubeMars
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
@@ -119,7 +121,7 @@ def plan_of(schedule, folder, **changed):
         sink(
             entry.block.service,
             entry.block.path,
-            [vars(column) for column in entry.columns],
+            [asdict(column) for column in entry.columns],
             **{name: getattr(entry.block, name) for name in entry.block.parameters},
         )
         for entry in schedule.sinks
@@ -131,7 +133,7 @@ def plan_of(schedule, folder, **changed):
             "name": schedule.name,
             "stem": schedule.name,
             "rate": schedule.rate,
-            "signals": [vars(column) for column in schedule.recorded],
+            "signals": [asdict(column) for column in schedule.recorded],
             "buses": list(schedule.buses),
             **changed,
         },
