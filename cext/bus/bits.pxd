@@ -2,7 +2,7 @@ from libc.stdint cimport uint8_t, uint32_t
 
 from cext.abi cimport Frame
 
-cdef struct Counter:            # of the bits on the wire
+cdef struct Counter:            # counter of the bits on the wire
     int bits                    # including stuffed bits
     int stuffed
     int run                     # equal bits at the end

@@ -8,7 +8,7 @@ cdef struct Queue:
     long dropped
     Frame frames[QUEUE]
 
-cdef struct End:                 # of a memory bus: reads one queue, writes the other
+cdef struct End:                 # end of a memory bus: reads one queue, writes the other
     Queue *inbox
     Queue *outbox
 

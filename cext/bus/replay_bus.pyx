@@ -80,7 +80,7 @@ cdef class ReplayClock:
     refill : called at the end of a block; it calls `give` and returns True, or False at the end of the recording. Its
         exception ends the run and is then raised by the executor
     simulated : whether a plant was connected to the buses; bus time is then the grid's, not the clock's
-    drained : ns from the begin of the run, of each drain before tick 0
+    drained : ns from the start of the run, of each drain before tick 0
     confirmed : number of drains before the operator confirmed; -1 for a run without a confirmation
     """
 

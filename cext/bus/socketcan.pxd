@@ -27,7 +27,7 @@ cdef extern from "<linux/can/error.h>" nogil:
     const int CAN_ERR_CRTL_ACTIVE
 
 cdef enum:
-    CONTROL_WORDS = 8               # of eight bytes: space for one kernel timestamp
+    CONTROL_WORDS = 8               # words of eight bytes: space for one kernel timestamp
 
 cdef enum: # states of a controller on its bus
     ACTIVE = 0

@@ -94,7 +94,7 @@ cdef extern from *:
     unsigned long long current_slice "tw_slice"() noexcept nogil
     int request_slice "tw_set_slice"(unsigned long long slice) noexcept nogil
 
-cdef action before                          # of SIGXCPU until `watch_for_spinning`
+cdef action before                          # handler of SIGXCPU until `watch_for_spinning`
 
 
 cdef object failed(int number):

@@ -9,7 +9,7 @@ cdef void unblock(sigset_t *before) noexcept nogil
 
 cdef class Signals:
     cdef action[ENDING] before
-    cdef sigset_t mask               # of the thread, before `take`
+    cdef sigset_t mask               # mask of the thread before `take`
     cdef bint handled                # False: handlers of the process are kept
     cdef int32_t never               # target of `caught` in that case: 0
     cdef const int32_t *caught       # number of the first signal since `take`, 0 if none

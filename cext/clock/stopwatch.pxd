@@ -16,7 +16,7 @@ cdef enum: # items of a lap: phases, then the steps of the schedule, then its de
 cdef struct Laps:
     int64_t tick
     int64_t last                 # ns of CLOCK_MONOTONIC, end of the last lap
-    int64_t longest              # ns, of the laps of this tick
+    int64_t longest              # ns, longest lap of this tick
     int item                     # item of the longest
     Histogram *waits             # for the GIL, or NULL
     Histogram *each              # one per item, or NULL

@@ -8,8 +8,8 @@ cdef enum:
 cdef struct CodeMap:            # addresses of machine code and the steps that it is of
     uintptr_t begin, end
     int count
-    uintptr_t *starts           # of each step, increasing
-    int32_t *items              # of the stopwatch
+    uintptr_t *starts           # start of each step, increasing
+    int32_t *items              # item of the stopwatch of each step
 
 cdef int item_at(const CodeMap *map, uintptr_t address) noexcept nogil
 cdef int item_of_context(const CodeMap *map, const void *context) noexcept nogil

@@ -106,7 +106,7 @@ cdef int item_of_context(const CodeMap *map, const void *context) noexcept nogil
 
 cdef const CodeMap *sampled = NULL      # global, for the signal handler
 cdef int32_t answer = UNKNOWN
-cdef action before                      # of SIGRTMIN
+cdef action before                      # handler of SIGRTMIN before
 
 
 cdef void on_sample(int number, siginfo_t *information, void *context) noexcept nogil:

@@ -149,7 +149,7 @@ cdef struct Oscillator:
     int32_t phase_gain, frequency_gain, amplitude_gain, correction
     int32_t state               # see below
     int32_t amplitudes          # amplitude, then phase in rad of each oscillator
-    int32_t zero                # as of the portrait
+    int32_t zero                # as in the portrait
 
 OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[11] amplitudes[...] zero[4]")
 

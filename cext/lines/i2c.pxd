@@ -6,7 +6,7 @@ from cext.ring.newest_ring cimport NewestRing
 from cext.posix cimport pthread_t
 
 cdef enum:
-    STEPS = 4                   # of one exchange
+    STEPS = 4                   # steps in one exchange
     # limit of a write (without its register), of bytes appended to an answer, and of a check
     BYTES = 16
     READ_LIMIT = 32             # bytes of one step, as for an SMBus block
@@ -72,7 +72,7 @@ cdef struct Member:
     uint32_t trouble            # id of its failure frames
     int first_setup
     int setups
-    int setups_sent                    # of them
+    int setups_sent                    # number of them that were sent
     int first_cycle
     int cycles
     int checked                 # bytes of its check, 0 for none
@@ -83,10 +83,10 @@ cdef struct Member:
     int64_t next_check
     bint unverified             # an exchange has failed: its settings are checked before further exchanges
     int32_t state
-    int64_t due                 # of the next step of its set-up, or the next attempt
+    int64_t due                 # time of the next step of its set-up, or of the next attempt
     int consecutive_failures
     int32_t error               # errno of the last
-    uint64_t failures_before    # the begin of the run
+    uint64_t failures_before    # failures before the start of the run
     uint64_t failures
     uint64_t answers
     uint64_t samples            # answers of its first round

@@ -35,7 +35,7 @@ cdef size_t STACK = 256 << 10           # bytes
 cdef int FAILURE_LIMIT = 3              # failures in a row until a device is lost
 cdef int SETTINGS_LOST = -1             # error of a device that has lost its settings
 cdef int WRONG_DEVICE = -2              # error of a device of another kind
-CHANNELS = 8                            # of a multiplexer
+CHANNELS = 8                            # channels of a multiplexer
 STATES = ("fine", "setting up", "lost")
 
 
@@ -95,7 +95,7 @@ cdef class I2cBus:
     """Devices of one bus, and the thread that reads them.
 
     adapter : I2cAdapter
-    name : of the bus, for messages
+    name : name of the bus, for messages
 
     end : the BusEnd
     """
@@ -124,7 +124,7 @@ cdef class I2cBus:
     def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()) -> None:
         """Add a device, which has been set up, before `start`.
 
-        place : of its frames; address : of the device
+        place : number of its bus segment; address : address of the device
         set_up : list of (address, register, bytes, s to wait), to repeat after a loss
         check : (register, bytes) that reads back while the device is set up, or None
         rounds : list of (period in s, minimum s between exchanges, exchanges as (number, address, steps, bytes to

@@ -136,7 +136,7 @@ cdef class LinuxAdapter(I2cAdapter):
         if not self.combined and functions & needed != needed:
             raise OSError(errno.EOPNOTSUPP, "the adapter supports neither combined transfers nor SMBus blocks")
         self.wire.fd = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
-        # of the adapter, for all its users; not supported by all
+        # time-out of the adapter, for all its users; not supported by all
         ioctl(self.wire.fd, I2C_TIMEOUT, <unsigned long>TENS_OF_MS)
         ioctl(self.wire.fd, I2C_RETRIES, <unsigned long>0)
         self.adapter.exchange = combined if self.combined else by_smbus

@@ -25,7 +25,7 @@ cdef enum:
 
 cdef struct Peer:
     int fd
-    uint8_t number              # of the newest request
+    uint8_t number              # number of the newest request
 
 
 cdef int ask(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:

@@ -19,7 +19,7 @@ cdef enum:
 
 cdef class Reopening:
     cdef int epoll, nothing
-    cdef uint8_t *buffer                # READ_SIZE bytes, of the thread
+    cdef uint8_t *buffer                # buffer of the thread, READ_SIZE bytes
     cdef int listen(self, int fd, uint32_t events, int index) noexcept nogil
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
     cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil

@@ -139,7 +139,7 @@ cdef class Reopening:
     cdef void give_up(self, Source *source, int64_t now) noexcept nogil:
         """End an attempt. The next one follows after a longer delay."""
         if source.attempt > 0:
-            close(source.attempt)                                   # which removes it from epoll, too
+            close(source.attempt)                                   # which also removes it from epoll
         if source.attempt > 0 and source.path[0] != 0 and source.spoken:
             store_u64(&source.strangers, source.strangers + 1)
         source.attempt = 0

@@ -37,7 +37,7 @@ cdef struct Source:
     int32_t level                    # by the newest event of an emulated line; UNKNOWN, or ASK_CHIP of a chip
     bint asks                       # for the level, at the next receive
     char path[PATH_LIMIT]         # "": not opened again, except for a connection
-    sockaddr_storage peer           # of the connection
+    sockaddr_storage peer           # address at the other end of the connection
     int peer_length                 # 0 for none
     # descriptor of a new connection, or of a line that has not identified yet; 0 for none
     int attempt
@@ -50,7 +50,7 @@ cdef struct Source:
     bint spoken                     # whether it has sent any data
     uint64_t strangers              # number of failed identifications
     int64_t wait                    # ns to the next attempt
-    termios settings                # of a tty
+    termios settings                # settings of a tty
     uint8_t setup[SETUP_BYTES]      # messages for a reconnected line
     int ends[SETUP_MESSAGES]        # end of each message
     int messages
@@ -59,7 +59,7 @@ cdef struct Source:
     int64_t due                     # ns of CLOCK_MONOTONIC: when the next message, attempt or check is due
     int32_t gone
     uint64_t bytes                  # read
-    uint64_t losses                 # of the line
+    uint64_t losses                 # losses of the line
     uint64_t returns
     int error                       # errno of the loss
     NewestRing ring

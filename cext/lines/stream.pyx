@@ -23,7 +23,7 @@ cdef extern from "<sys/ioctl.h>" nogil:
     const int TCOFLUSH
 
 cdef enum:
-    WRITE_FRAMES = 16                   # of one write
+    WRITE_FRAMES = 16                   # frames in one write
 
 
 cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nogil:
@@ -53,7 +53,7 @@ cdef int level_of(Source *source, Frame *frame) noexcept nogil:
 
 
 cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
-    """Convert the kernel's time stamps of edges, ns of CLOCK_MONOTONIC at the begin of each record, to the clock of
+    """Convert the kernel's time stamps of edges, ns of CLOCK_MONOTONIC at the start of each record, to the clock of
     the run.
     """
     cdef int64_t when

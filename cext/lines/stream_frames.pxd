@@ -4,4 +4,4 @@ cdef enum: # id of a frame
     BYTES = 0                       # its data
     LOST = 1                        # the line was disconnected
     BACK = 2                        # the line was connected again
-    LEVEL = 3                       # of a GPIO line at the begin of a run: 1 or 0
+    LEVEL = 3                       # level of a GPIO line at the start of a run: 1 or 0

@@ -9,7 +9,7 @@ each stream. It never takes the GIL, never blocks on one of them, and sleeps whi
              unread
     LOST     the line was disconnected
     BACK     the line was connected and set up again
-    LEVEL    level of a GPIO line at the begin of a run: edges follow, with the kernel's times on the clock of the run
+    LEVEL    level of a GPIO line at the start of a run: edges follow, with the kernel's times on the clock of the run
 """
 
 import fcntl
@@ -74,7 +74,7 @@ cdef class Streams(Reopening):
         setup : messages, as bytes, that are written after a reconnect, `pause` s before each
         record : bytes of a record, 1 to 64; a frame contains whole records
         is_gpio : it is a request of one GPIO line, or a socket that emulates one; a sent frame sets its level
-        level : of the emulated line, None if unknown
+        level : level of the emulated line, None if unknown
         reconnects : it is a TCP connection, which is made again after a loss
         proof : (identification query for a line with a path, bytes that only this device's answer contains)
         """

@@ -40,7 +40,7 @@ cdef enum: # of a record in the ring
     ROW = 1                     # doubles: tick, lateness in s, then the recorded signals
     FRAME = 2                   # a struct Frame
     EVENT = 3                   # JSON
-    RECEIVED = 4                # int64: ns from the begin of the run of a drain of the buses; its frames follow
+    RECEIVED = 4                # int64: ns from the start of the run of a drain of the buses; its frames follow
     CHANGE = 5                  # structs Change: requests of the mailbox that took effect in one tick
 
 cdef struct Header:             # in front of every record
@@ -71,9 +71,9 @@ cdef struct SharedLayout:
     int64_t guard               # ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one
     int64_t live_count          # live parameters
     int64_t live_bytes          # of the JSON that describes them
-    int64_t began               # ns of CLOCK_MONOTONIC of the begin of the run, the zero of frame times
-    int64_t wall                # ns of CLOCK_REALTIME of the begin of the run
-    int64_t first_tick          # ns from the begin of the run to tick 0, the zero of row times
+    int64_t began               # ns of CLOCK_MONOTONIC of the start of the run, the zero of frame times
+    int64_t wall                # ns of CLOCK_REALTIME of the start of the run
+    int64_t first_tick          # ns from the start of the run to tick 0, the zero of row times
     int64_t tick                # last completed one
     int64_t ticks               # number of completed ones
     int64_t missed              # skipped grid points
@@ -107,7 +107,7 @@ cdef struct Own:                # of one process, in front of its mapping of the
     uint64_t reserved           # bytes from there to the end of the record that is being written
     int64_t live_count, live_bytes
     size_t size                 # of the whole mapping, with the memory in front of the layout
-    void *begin                 # of it
+    void *begin                 # start of the mapping
 
 cdef struct Shown:              # a live parameter, after the ring; the JSON follows them
     double value                # in the newest tick

@@ -337,15 +337,15 @@ cdef class SharedState:
 
     @property
     def wall(self) -> int:
-        """ns of CLOCK_REALTIME of the begin of the run; 0 before it."""
+        """ns of CLOCK_REALTIME of the start of the run; 0 before it."""
         return load_i64(&self.layout.wall)
 
     @property
     def began(self) -> int:
-        """ns of CLOCK_MONOTONIC of the begin of the run; 0 before it."""
+        """ns of CLOCK_MONOTONIC of the start of the run; 0 before it."""
         return load_i64(&self.layout.began)
 
     @property
     def first_tick(self) -> int:
-        """ns from the begin of the run to tick 0."""
+        """ns from the start of the run to tick 0."""
         return load_i64(&self.layout.first_tick)

@@ -18,10 +18,10 @@ from cext.memory.shared_state cimport FRAME, RECEIVED, ROW, Header
 
 cdef enum:
     MESSAGE = 5                     # type of a message record
-    HEAD_BYTES = 31                 # of a message record
-    LENGTH_BYTES = 22               # of it, that its length covers
+    HEAD_BYTES = 31                 # bytes in front of the data of a message record
+    LENGTH_BYTES = 22               # bytes of it that its length covers
     BLOCK = 1 << 16                 # bytes of records, after which `encode` returns
-    CLASSIC_BYTES = 8               # of data, without CAN FD
+    CLASSIC_BYTES = 8               # bytes of data, without CAN FD
     RATE_SWITCH = 1                 # flags of struct canfd_frame
     ERROR_STATE = 2
     FD = 4
@@ -88,7 +88,7 @@ cdef class Encoder:
     cdef Buffer *groups             # by bus: frames since the last row, drain, event or flush
     cdef int channels
     cdef int bus_count
-    cdef uint32_t order             # of the next frame, among those since the last row or drain
+    cdef uint32_t order             # number of the next frame since the last row or drain
     cdef bint grouped               # whether a group has a frame
     cdef int64_t group_time
     cdef int64_t drained

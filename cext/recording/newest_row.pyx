@@ -31,7 +31,7 @@ cdef class NewestRow:
     cdef uint32_t size          # bytes of a row
     cdef readonly object values
     cdef double[:] row
-    cdef readonly int64_t tick  # of that row; -1 before the first
+    cdef readonly int64_t tick  # tick of that row; -1 before the first
 
     def __init__(self, SharedState shared, int columns):
         self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1

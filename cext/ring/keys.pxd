@@ -14,7 +14,7 @@ cdef struct Key:
     int64_t since               # ns of CLOCK_MONOTONIC: the key was pressed after it
     int64_t read                # ns of CLOCK_MONOTONIC
     uint32_t question           # number of the newest question to the operator before the key was pressed
-    uint32_t byte               # of the sequence that the terminal sends for the key
+    uint32_t byte               # byte of the sequence that the terminal sends for the key
 
 cdef struct KeyRing:
     uint64_t head               # bytes written, in total; owned by the control process

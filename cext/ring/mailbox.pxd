@@ -55,10 +55,10 @@ cdef enum: # answers
 
 cdef struct Letter:
     uint64_t state              # step | number of its use << 8 | process << 32
-    uint64_t number             # of posting, the order of processing
+    uint64_t number             # number of the posting, the order of processing
     int32_t kind
     int32_t origin
-    int32_t count               # of changes
+    int32_t count               # number of changes
     int32_t answer
     int32_t[CHANGES] parameters
     double[CHANGES] values

@@ -37,7 +37,7 @@ cdef enum:
 
 cdef enum: # flags of a frame from a ring
     GAP = 1                     # frames before this one were lost
-    START = 2                   # first frame of a read, such as the begin of a datagram
+    START = 2                   # first frame of a read, such as the start of a datagram
 
 cdef struct NewestRing:
     uint64_t claimed            # frames begun by the writer

@@ -36,7 +36,7 @@ cdef struct Acceleration:
     double codes                        # rad/s: two codes
     int64_t times[REPLIES]              # ns
     double velocities[REPLIES]          # rad/s
-    int64_t count                       # of replies
+    int64_t count                       # number of replies
     double noise                        # rad/s, mean magnitude of second differences
     double beyond                       # s above the bound, less the calm
     double share                        # permitted share of stiffness and damping

@@ -24,8 +24,8 @@ cdef struct DriveState:
     int disabled                # slot of the parameter; -1: the device cannot be taken out
     int disable                 # slot of the input
     int active                  # slot of the output
-    int64_t since               # ns, of the newest change
-    int64_t sent                # ns, of the newest disable
+    int64_t since               # ns, time of the newest change
+    int64_t sent                # ns, time of the newest disable
     bint silent                 # it has not replied for a time while out, and may have lost its power
     bint unconfirmed            # it is out, and has not confirmed that it is disabled
     bint reported               # that it has not was reported

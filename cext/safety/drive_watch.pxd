@@ -4,7 +4,7 @@ from cext.safety.motion_watch cimport Motion
 from cext.memory.shared_state cimport SharedLayout
 
 cdef enum:
-    BUCKETS = 65                     # of a window, plus the current one
+    BUCKETS = 65                     # buckets of a window, and the current one
 
 cdef enum: # action when the RMS torque exceeds the rated torque
     SILENT_MODE
@@ -30,7 +30,7 @@ cdef struct Watched:
     int law_limit                         # slot of the kernel's torque limit; -1: none
     double full                      # full limit
     double left                      # fraction of it in the last tick
-    int64_t reply_time               # ns, of the newest reply
+    int64_t reply_time               # ns, time of the newest reply
     double transit                   # s, from the command to it
     bint late                        # transits exceed what stiffness and damping allow for
     bint replied                     # it has replied in this run

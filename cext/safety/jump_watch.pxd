@@ -29,11 +29,11 @@ cdef struct Jump:
     double position_end, velocity_end   # rad, rad/s, ends of the encoded range, without the offset; infinite for none
     double offset                       # rad
     double sustained, impact            # rad/s²
-    int64_t time                        # ns, of the newest reply; -1: none
-    double position, velocity           # of it
+    int64_t time                        # ns, time of the newest reply; -1: none
+    double position, velocity           # values in it
     double transit                      # s, of it
     double rate, elapsed                # rad/s and s, from the reply before to it; NaN: none
-    double change, bound                # rad, of the newest jump
+    double change, bound                # rad, newest jump and its bound
 
 
 cdef inline void set_acceleration(Jump *j, double acceleration) noexcept nogil:

@@ -58,7 +58,7 @@ cdef struct Motion:
     double position_end, velocity_end   # rad, rad/s, ends of the encoded range, infinite for none
     bint early                          # before the first tick
     bint free                           # arming has not enabled the drive yet
-    int64_t reply_time                       # ns, of the newest checked reply; -1: none
+    int64_t reply_time                       # ns, time of the newest checked reply; -1: none
     Uncommanded uncommanded
     Acceleration acceleration
     Jump jump

@@ -9,7 +9,7 @@ cdef enum:
     PATTERN_LIMIT = 4
     PREFIX_BYTES = 4
 
-cdef struct Pattern:             # of a frame
+cdef struct Pattern:             # pattern of a frame
     uint32_t id                  # with the flag bits of struct can_frame
     uint32_t mask
     uint8_t prefix[PREFIX_BYTES]

@@ -20,7 +20,7 @@ from cext.safety.thresholds cimport SCALE_SPEED_MINIMUM, SCALE_TIME
 cdef enum:
     CHUNK = 25000000                    # ns
     GAP = 30000000                      # ns
-    PLAIN = 300                         # %, of a scale that noise cannot cause; x may be zero
+    PLAIN = 300                         # %, excess of a scale that noise cannot cause; x may be zero
     ENDS = 990                          # 0.001 of a range; positions beyond are at its end
 
 cdef struct Scale:
@@ -28,7 +28,7 @@ cdef struct Scale:
     double xx, yy, xy
     double time                         # s
 
-cdef struct Way:                        # of one chunk
+cdef struct Way:                        # way in one chunk
     int64_t began, time                 # ns, of its first and newest reply
     double start                        # rad
     double velocity                     # rad/s

@@ -25,7 +25,7 @@ cdef class StopConfirmation:
     cdef bint reports            # the number of replies says nothing
 
     cdef Phase phase
-    cdef int64_t began           # ns, of the stop; -1 before
+    cdef int64_t began           # ns, start of the stop; -1 before
     cdef int64_t transit         # ns that a reply may have been under way when the stop began
     cdef int64_t asked           # ns, newest round
     cdef int64_t window          # ns from a round to its last reply, if longer than a round; else 0

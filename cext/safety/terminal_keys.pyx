@@ -73,10 +73,10 @@ cdef extern from *:
 
 cdef size_t STACK = 64 << 10            # bytes
 cdef enum:
-    BYTES = 256                         # of a read
+    BYTES = 256                         # bytes of a read
     START_LIMIT = 1_000_000_000         # ns, for the thread to read what was typed before
-    FOLLOW_PERIOD = 100_000_000         # ns, of the process group in the foreground
-    LOOK_PERIOD = 10                    # ms, of the time after which a key was pressed
+    FOLLOW_PERIOD = 100_000_000         # ns between two looks at the process group in the foreground
+    LOOK_PERIOD = 10                    # ms between two looks for a key
     LOOK_PERIOD_ASKING = 1              # ms, outside of a running robot
     SPACE = 0x20
     QUIT = 0x71                         # q
@@ -97,7 +97,7 @@ cdef class KeyReader:
 
     shared : SharedState
     file : descriptor of the terminal, which does not block
-    processors : of the thread; those of the calling thread if empty
+    processors : processors of the thread; those of the calling thread if empty
 
     Starts at once, with a priority one above that of the calling thread if that is real-time. A space that was typed
     before has then requested the stop. Raises OSError.
@@ -106,7 +106,7 @@ cdef class KeyReader:
     cdef SharedState shared
     cdef SharedLayout *layout
     cdef int file
-    cdef int priority                   # of SCHED_FIFO, 0 for an ordinary thread
+    cdef int priority                   # priority of SCHED_FIFO, 0 for an ordinary thread
     cdef cpu_set_t processors
     cdef pthread_t thread
     cdef int32_t begun, leave

@@ -5,7 +5,7 @@ Principle
     1. A torque counts if it exceeds UNCOMMANDED_TORQUE_LIMIT of the rated torque while the law, of this reply and of the
        previous one, is at most half of that. A drive that is late by a reply therefore does not count.
     2. It is a fault after UNCOMMANDED_TORQUE_TIME and UNCOMMANDED_TORQUE_REPLIES. A quarter of the time in which a reply
-       does not count is subtracted, so that a torque that alternates is detected, too.
+       does not count is subtracted, so that an alternating torque is also detected.
 """
 
 from libc.math cimport fabs, fmax, fmin
@@ -19,7 +19,7 @@ cdef enum:
     REPLY_INTERVAL_LIMIT = 50000000     # ns between two replies that counts
 
 cdef struct Uncommanded:
-    int64_t reply_time                  # ns, of the newest checked reply; -1: none
+    int64_t reply_time                  # ns, time of the newest checked reply; -1: none
     double wanted                       # N·m, the law at that reply
     double time                         # s
     int replies

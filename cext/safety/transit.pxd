@@ -3,7 +3,7 @@
 Principle
     1. Replies arrive in the order of their commands. A reply therefore answers the oldest command without a reply, and
        its sample is not older than that command: the age of a sample begins there, and contains the way of the command
-       and the way of the reply. Commands count from the begin of their tick.
+       and the way of the reply. Commands count from the start of their tick.
     2. A lost frame leaves a command without a reply, and all later samples seem older by one command each; never
        younger. While no more commands are open than are certain to be on their way, every match is exact. With more,
        the sample is likely that of a later command, and no older than the one that it is matched with: the output `age`
@@ -31,15 +31,15 @@ cdef enum:
 
 cdef struct Transit:
     bint answers                        # whether the drive answers every command; else nothing here is used
-    int64_t asked[OPEN]                 # ns, of the commands without a reply
+    int64_t asked[OPEN]                 # ns, times of the commands without a reply
     int64_t ticks[OPEN]                 # in which they were sent
     int64_t sent[OPEN]                  # ns, when they were sent; of a run in real time later than `asked`
     int64_t first                       # index of the oldest
     int open                            # their number
-    int64_t reference                   # ns, of the oldest command that the newest sample may answer; -1: none
-    int64_t likely                      # ns, of the command that it answers if those before were lost
+    int64_t reference                   # ns, time of the oldest command that the newest sample may answer; -1: none
+    int64_t likely                      # ns, time of the command that it answers if those before were lost
     int64_t newest                      # ns, transit of the newest reply, too long after lost frames
-    int64_t silent_since                # ns, of the first command after the newest reply; -1: none
+    int64_t silent_since                # ns, time of the first command after the newest reply; -1: none
     bint silent_early                   # whether replies to earlier commands were due then
     bint measured                       # there is a certain transit
     int64_t replies[OPEN]               # ns, from `sent` to the replies that are not certain
@@ -47,7 +47,7 @@ cdef struct Transit:
     int64_t pending                     # ns, longest of those that are not certain
     int64_t largest[2]                  # ns, longest certain one of the present and of the previous period
     int64_t emptied[2]                  # ns, longest one before no command was open, of the same periods
-    int64_t turned                      # ns, begin of the present period
+    int64_t turned                      # ns, start of the present period
     int64_t longest                     # ns, longest certain one of the run
     int settled                         # open commands that are certain to be on their way when a tick sends its own
     int came                            # replies since the previous tick

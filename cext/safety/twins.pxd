@@ -19,7 +19,7 @@ cdef struct Twins:
     bint counted                 # whether its replies show a second device
     int64_t period               # ns between its reports; 0 if it only answers
     bint answers_disable         # whether a device that reports also answers the frames that disable it
-    int64_t since, owed          # ns: begin of the count, and end of the last period that was counted
+    int64_t since, owed          # ns: start of the count, and end of the last period that was counted
     int64_t fresh, old           # outstanding questions, since `turned` and before
     int64_t turned               # ns
     double surplus               # replies without a question
@@ -63,7 +63,7 @@ cdef inline bint note_answer(Twins *twins, int64_t time) noexcept nogil:
 cdef inline bint may_be_two(const Twins *twins, bint enabled, int64_t now) noexcept nogil:
     """Return whether arming has to compare more replies.
 
-    enabled : whether the device is enabled by frames, which it answers, too
+    enabled : whether the device is enabled by frames, which it also answers
     now : ns
     """
     return twins.surplus >= (2.0 if enabled else 1.0) or now - twins.since < TWIN_PERIODS * twins.period

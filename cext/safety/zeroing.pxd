@@ -36,11 +36,11 @@ cdef struct Zeroing:
     bint due                    # to be set before arming is complete
     bint requested              # input in the previous tick
     bint runs                   # from the frame to the end of the zeroing
-    int64_t began, sent         # ns, of the first and the newest frame
+    int64_t began, sent         # ns, times of the first and the newest frame
     int64_t asked_at            # ns, time of the newest reply when the frame was sent
     double before               # rad, position at the first frame
     bint moved                  # since the newest frame, a reply was off that position, and nearer to it than to zero
-    int64_t reply_time          # ns, of the newest reply
+    int64_t reply_time          # ns, time of the newest reply
     double held                 # rad, position since `still_since`
     int64_t still_since         # ns
     int64_t idle_since          # ns, since when zero torque has been commanded

@@ -46,7 +46,7 @@ cdef class Buses:
                 (<BusEnd>self.buses[bus]).bus.begin((<BusEnd>self.buses[bus]).bus.context, began)
 
     cdef void set_time(self, int bus, int64_t now) noexcept nogil:
-        """Set the time of a bus without a clock of its own, in ns from the begin of the run."""
+        """Set the time of a bus without a clock of its own, in ns from the start of the run."""
         if (<BusEnd>self.buses[bus]).bus.at != NULL:
             (<BusEnd>self.buses[bus]).bus.at((<BusEnd>self.buses[bus]).bus.context, now)
 

@@ -110,5 +110,5 @@ cdef class DeviceReports:
 
     @property
     def watched(self) -> list[dict[str, Any]]:
-        """Monitored values of each actuator, as of cext.safety.drive_watch.DriveWatch.found."""
+        """Monitored values of each actuator, as in cext.safety.drive_watch.DriveWatch.found."""
         return self.drives.found

@@ -20,7 +20,7 @@ cdef struct Device:
     const int32_t *encode_sizes
     int bus
     int age                      # slot, -1 if it has none
-    int transit_slot             # of three numbers, s: as the memory `transit` of a joint; -1: none
+    int transit_slot             # first of three numbers, s: the memory `transit` of a joint; -1: none
     double unseen                # s, the second of them
     int stiffness, damping_command      # slots, -1: none
     int64_t gap                  # ns, longest wait for a reply since the previous tick; of a drive that reports, between two reports
@@ -42,28 +42,28 @@ cdef struct Device:
     Batch disable
     void *bands                  # SpeedBands, borrowed: damping in a safe stop; NULL for none
     int64_t damping              # ns of damping
-    int64_t damp_due             # ns since the begin of the stop, of the next damping frame
+    int64_t damp_due             # ns since the start of the stop, of the next damping frame
     bint damped                  # whether it is damped, and not disabled yet
     void *confirmation           # StopConfirmation, borrowed; NULL for a device without frames of a safe stop
     Twins twins
-    int unanswered               # of the frames of disable
+    int unanswered               # number of disable frames without a reply
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it
     int64_t reply_time           # ns, arrival of the newest reply or sample
     Histogram *latency           # from a command to its reply, where that is certain; NULL in virtual time
-    bint only_reads[FRAMES_PER_BATCH]       # of the frames of set_up: not a command if sent by another controller
+    bint only_reads[FRAMES_PER_BATCH]       # whether a frame of set_up is not a command if sent by another controller
     bint reports_enabled         # its replies contain whether it is enabled
     bint enabling                # arming enables it, or has: replies of a disabled drive do not count
-    int64_t enabled_since        # ns, begin of that
+    int64_t enabled_since        # ns, start of that
     bint was_enabled             # it has replied as an enabled drive before arming has enabled it
     bint owed                    # the newest command has no reply yet
     int64_t missed               # commands without a reply before the next one
     int64_t replies
-    bint answered                # since the begin of the run
+    bint answered                # since the start of the run
     bint doubtful                # a frame was its own reply with another id, or a command of another controller
     int32_t malformed[FRAME_BYTES + 1]      # frames that its decode rejected, by length
     int rejected_id              # first byte of the newest rejected one
-    int64_t rounds               # of arming so far
+    int64_t rounds               # rounds of arming so far
     int64_t replies_wanted       # before it counts as replying
     Batch set_zero               # makes the present position of the drive its zero; empty if it cannot
     Zeroing zeroing
@@ -78,7 +78,7 @@ cdef class DeviceTable:
     cdef Device *devices
     cdef int count
     cdef int failed              # index of the device that failed last, -1 for other causes
-    cdef int64_t now             # ns since the begin of the run, of the newest drain
+    cdef int64_t now             # ns since the start of the run, of the newest drain
     cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
     cdef bint arming             # until the blocks start

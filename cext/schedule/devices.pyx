@@ -66,7 +66,7 @@ cdef class Devices:
         self.stop = SafeStop(self.table, self.buses)
         self.reports = DeviceReports(self.table, self.buses, self.drives)
         self.fade = FADE_IN * 1e-9
-        # of each device its command, and the frame that sets its zero
+        # the command of each device, and the frame that sets its zero
         self.outgoing = <Frame *>calloc(max(1, self.table.count) * (FRAMES_PER_DEVICE + 1), sizeof(Frame))
         self.outgoing_count = <int32_t *>calloc(max(1, self.buses.count), sizeof(int32_t))
 
@@ -228,7 +228,7 @@ cdef class Devices:
     cdef bint is_foreign_command(self, const Frame *frame, int answer, int number) noexcept nogil:
         """Return whether a frame commands a device, and the guardian, which commands in its last stop, is not the sender.
 
-        answer : of the device
+        answer : result of the device's decode
         """
         cdef Device *device = &self.table.devices[number]
         if answer == MALFORMED and may_be_reply(device, frame):

@@ -16,7 +16,7 @@ cdef class DriveSwitch:
     cdef LiveTable live          # the table with the parameters `disabled`
     cdef object may_return       # function of a path: whether its joint's position is certain, or None
 
-    cdef Handover *handover      # of the watchdog; NULL without one
+    cdef Handover *handover      # handover of the watchdog; NULL without one
 
     cdef int update(self, int number) noexcept nogil
     cdef void take_out(self, int number) noexcept nogil

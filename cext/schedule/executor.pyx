@@ -287,7 +287,7 @@ cdef class Executor(Waiting):
 
     @property
     def newest(self) -> list[tuple]:
-        """Rows of the newest ticks, as of cext.schedule.publisher.Publisher.newest."""
+        """Rows of the newest ticks, as in cext.schedule.publisher.Publisher.newest."""
         return self.publisher.newest()
 
     @property
@@ -312,7 +312,7 @@ cdef class Executor(Waiting):
 
     @property
     def profile(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """(rows of the robot, rows of its plant), as of cext.clock.stopwatch.Stopwatch.rows."""
+        """(rows of the robot, rows of its plant), as in cext.clock.stopwatch.Stopwatch.rows."""
         return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
 
     def spin(self, int64_t ticks) -> int:

@@ -38,7 +38,7 @@ cdef inline bint may_be_reply(const Device *device, const Frame *frame) noexcept
 
 
 cdef inline bint is_like(const Batch *batch, const Frame *frame, const bint *left_out) noexcept nogil:
-    """Return whether a frame has the id and length of one of a batch. left_out : of the batch, or NULL"""
+    """Return whether a frame has the id and length of one of a batch. left_out : frame not to compare, or NULL"""
     cdef int index
     for index in range(batch.count):
         if left_out != NULL and left_out[index]:

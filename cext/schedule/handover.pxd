@@ -17,7 +17,7 @@ cdef enum: # owner
 
 cdef struct Handover:
     uint64_t user
-    # ns of CLOCK_MONOTONIC, begin of the tick's work, later by the time of its steps with an allowance; 0 between ticks
+    # ns of CLOCK_MONOTONIC, start of the tick's work, later by the time of its steps with an allowance; 0 between ticks
     int64_t since
     int64_t allowed              # ns, allowance of the present step
 

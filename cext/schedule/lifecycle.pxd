@@ -9,7 +9,7 @@ cdef enum:
 cdef class Waiting(Arming):
     cdef int64_t hung            # ns that a hung tick ran, 0 for none
     cdef object notify             # callback for faults that are survived, or None
-    cdef int[REQUESTS] request_slots         # of the arena, each true while its input requests arming again
+    cdef int[REQUESTS] request_slots         # slots of the arena, each true while its input requests arming again
     cdef int request_count
     cdef int to_blame            # stopwatch item of the last overrun
 

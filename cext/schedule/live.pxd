@@ -23,7 +23,7 @@ cdef class LiveTable:
     cdef HeldOutputs held
     cdef int count
     cdef int moving             # number that have not reached their target
-    cdef uint64_t seen          # of the mailbox's `posted`
+    cdef uint64_t seen          # value of the mailbox's `posted`
     cdef Scripted *script
     cdef int scripted, played   # number of changes in the script, and of those carried out
     cdef int64_t due            # tick of the next change

@@ -12,7 +12,7 @@ from libc.stdlib cimport calloc, free
 
 from cext.ring.mailbox cimport Letter
 
-cdef double ROUNDING = 1e-9     # of the sum of magnitudes
+cdef double ROUNDING = 1e-9     # share of the sum of magnitudes
 
 
 cdef class LiveRules:

@@ -64,7 +64,7 @@ cdef class Program:
     cdef Laps *laps              # NULL: not timed
     cdef int32_t *at             # present stopwatch item, below 0: none; in the shared state if there is one
     cdef int32_t own_at
-    cdef Handover *handover      # of the watchdog; NULL without one
+    cdef Handover *handover      # handover of the watchdog; NULL without one
     cdef bint held_news          # a step has held an exception, whose event is not published yet
     cdef int64_t gil_taken
     cdef list blocks

@@ -161,7 +161,7 @@ cdef class Program:
     cdef list run_of(self, const Phase *phase, const Segment *segment, int item, list steps):
         """Return the stencils of a segment, as cext.fused.join.Code receives them.
 
-        item : of the first step of the phase
+        item : item of the stopwatch of the first step of the phase
         """
         cdef const Step *step
         cdef int index

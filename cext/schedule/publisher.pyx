@@ -178,7 +178,7 @@ cdef class Publisher:
         return self.layout == NULL or swap_i32(&self.layout.fence, FENCED_HERE, 0)
 
     cdef int attend_fenced(self, int64_t now) noexcept nogil:
-        """Like `attend`, behind the loop's own fence: FENCED if another process has raised it, too."""
+        """Like `attend`, behind the loop's own fence: FENCED if another process has also raised it."""
         if self.layout == NULL:
             return OK
         store_i64(&self.layout.beat, now)
@@ -194,7 +194,7 @@ cdef class Publisher:
         return self.guard > 0 and load_i32(&self.layout.guard_stops) != 0 and not self.guardian_is_gone(now)
 
     cdef void report_hang(self, int item) noexcept nogil:
-        """Report a hung tick in the shared state. item : of the stopwatch, -1 if unknown"""
+        """Report a hung tick in the shared state. item : item of the stopwatch, -1 if unknown"""
         if self.layout != NULL:
             store_i32(&self.layout.hung, 1 + item if item >= 0 else -1)
 

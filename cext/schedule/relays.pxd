@@ -29,6 +29,6 @@ cdef inline int pump_all(DeviceTable table, Buses buses, int64_t now) noexcept n
 cdef inline bint holds_relay(DeviceTable table, Buses buses, const Device *device, int64_t now) noexcept nogil:
     """Return whether a relay has not dropped since its last frame.
 
-    now : ns since the begin of the run. On a rig the clock is read again, as the process may have been suspended.
+    now : ns since the start of the run. On a rig the clock is read again, as the process may have been suspended.
     """
     return (monotonic() - buses.began if table.alone else now) - device.pumped < device.relay

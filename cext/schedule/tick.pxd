@@ -10,13 +10,13 @@ cdef class TickBody:
     cdef Program control, plant
     cdef Publisher publisher
     cdef DeadlineClock clock
-    cdef Handover *handover              # of the watchdog, NULL without one
+    cdef Handover *handover              # handover of the watchdog, NULL without one
     cdef int substeps
     cdef bint real_time
     cdef int64_t plant_tick
-    cdef int64_t plant_due       # ns from the begin of the run to the next step of the plant
-    cdef readonly Stopwatch watch        # of the robot
-    cdef readonly Stopwatch plant_watch  # of its plant, with a profile
+    cdef int64_t plant_due       # ns from the start of the run to the next step of the plant
+    cdef readonly Stopwatch watch        # stopwatch of the robot
+    cdef readonly Stopwatch plant_watch  # stopwatch of its plant, with a profile
 
     cdef void reset(self)
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil

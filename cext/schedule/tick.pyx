@@ -53,7 +53,7 @@ cdef class TickBody:
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
         """Run a tick, from the mailbox and the first received frame to the last state update.
 
-        now : ns from the begin of the run
+        now : ns from the start of the run
         """
         cdef Laps *laps = self.control.laps if self.control.devices.buses.count > 0 else NULL
         cdef int64_t on_wires = 0
@@ -111,7 +111,7 @@ cdef class TickBody:
         return OK
 
     cdef void advance_plant_until(self, int64_t until) noexcept nogil:
-        """Run all steps of the plant that begin before `until`, in ns from the begin of the run.
+        """Run all steps of the plant that begin before `until`, in ns from the start of the run.
 
         For a safe stop, whose rounds are not periods.
         """

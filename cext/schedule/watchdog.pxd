@@ -15,14 +15,14 @@ cdef class Watchdog:
     cdef pthread_t thread, loop
     cdef bint running
     cdef object before           # previous handler of SIGURG
-    cdef int priority            # of SCHED_FIFO, 0 for an ordinary thread
-    cdef cpu_set_t processors    # of the watchdog; none: those of the loop
+    cdef int priority            # priority of SCHED_FIFO, 0 for an ordinary thread
+    cdef cpu_set_t processors    # processors of the watchdog; none: those of the loop
     cdef int32_t leave
     cdef int32_t hung
     cdef int64_t limit           # ns of work of a tick
     cdef int64_t start_allowance # ns in addition for the start of blocks
-    cdef int64_t zero            # ns of CLOCK_MONOTONIC, begin of the run
-    cdef int64_t began           # ns of CLOCK_MONOTONIC, begin of the hung tick's work
+    cdef int64_t zero            # ns of CLOCK_MONOTONIC, start of the run
+    cdef int64_t began           # ns of CLOCK_MONOTONIC, start of the hung tick's work
     cdef int at                  # stopwatch item in which it hung
 
     cdef int start(self) except -1

@@ -44,7 +44,7 @@ from cext.safety.thresholds cimport (
 )
 
 cdef size_t STACK = 256 << 10           # bytes
-cdef int EXIT_CODE = 3                  # of a run that ends in a fault
+cdef int EXIT_CODE = 3                  # exit code of a run that ends in a fault
 
 
 cdef void *enter(void *context) noexcept nogil:
@@ -58,7 +58,7 @@ cdef class Watchdog:
     program : Program whose ticks are watched, and whose devices are stopped
     period : ns
     wanted : whether to watch at all
-    processors : of the thread; those of the loop if empty
+    processors : processors of the thread; those of the loop if empty
     """
 
     def __init__(self, Program program, Publisher publisher, Signals signals, int64_t period, bint wanted, processors):

@@ -16,7 +16,7 @@ cdef enum:
 
 cdef struct ClockMap:           # in the memory of a block; times in s
     double known                # whether it has started
-    double origin               # of the device's clock
+    double origin               # origin of the device's clock
     double newest               # device time since the origin
     double opened               # start of the present second, device time
     double least                # smallest difference in the present second

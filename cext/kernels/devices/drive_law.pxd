@@ -28,7 +28,7 @@ cdef struct Law:                # as commanded, then as sent
     double torque               # τ_ff, N·m
 
 cdef struct Known:              # data from which a frame is computed
-    double position             # of the newest feedback, rad
+    double position             # newest feedback, rad
     double velocity             # rad/s
     double age                  # s
     double period               # s, until the next frame
@@ -36,14 +36,14 @@ cdef struct Known:              # data from which a frame is computed
     double acceleration         # a, rad/s²
     bint fresh                  # whether the age permits gains
     double gains                # permitted fraction of stiffness and damping
-    double offset               # of the codes of position, rad
+    double offset               # offset of the codes of position, rad
     double position_end         # largest values that a frame can carry
     double velocity_end
     double position_step        # one code
     double velocity_step
     double stiffness_step
     double damping_step
-    double share                # of stiffness, damping and torque that is sent, above 0: the fade-in
+    double share                # share of stiffness, damping and torque that is sent, above 0: the fade-in
 
 
 cdef inline int accept(Law *law, const double *limits, double share, bint *limited) noexcept nogil:

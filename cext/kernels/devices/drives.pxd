@@ -10,7 +10,7 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport FRAMES_PER_DEVICE, TIME, Frame
 from cext.conversion cimport to_u32
 
-cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; each family's struct contains it
+cdef struct Drive:              # items of blocks.actuators.emulated.EmulatedDrive; each family's struct contains it
     int32_t position, velocity, temperature, fault
     int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost, stray_torque      # injected faults
     int32_t torque, enabled
@@ -25,7 +25,7 @@ cdef inline str drive_sizes(): return "wire[5] command[5] state[7] outbox[...]"
 
 cdef enum: # in `state`
     RUNNING                     # whether it is enabled
-    ZERO                        # of the encoder
+    ZERO                        # zero of the encoder
     LUCK                        # random state for dropped frames
     HELD                        # position at which the encoder is stuck, in the motor's direction
     HOLDS                       # whether the encoder is stuck

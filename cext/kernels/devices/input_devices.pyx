@@ -19,7 +19,7 @@ from cext.abi cimport (
 from cext.conversion cimport to_i32
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
-cdef enum: # of each axis or button, in `plan`
+cdef enum: # numbers of each axis or button, in `plan`
     KIND, CODE, LOW, HIGH, WORDS
 
 cdef enum:

@@ -42,7 +42,7 @@ cdef enum:
 cdef enum: # in `state` of an emulated insole
     NUMBER, DUE, LUCK, FROM, UNTIL
 
-cdef double ROUND = 4294.967296 # s, of a clock of 32 bits in µs
+cdef double ROUND = 4294.967296 # s, period of a clock of 32 bits in µs
 
 
 cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
@@ -191,7 +191,7 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
 
 
 cdef enum:
-    CELLS_LIMIT = 120           # of a row or a column
+    CELLS_LIMIT = 120           # cells in a row or a column
 
 
 cdef void spread(double centre, int count, double reach, double *weights) noexcept nogil:

@@ -218,7 +218,7 @@ cdef int decode_kernel(double *arena, const Driver *at, const Driver *sizes, con
 cdef struct Emulated:
     int32_t silent, dropped, broken, period
     int32_t plan, state         # the enums above
-    int32_t clock_plan          # as of the driver
+    int32_t clock_plan          # as in the driver
     int32_t waiting             # bytes to be sent
     Rest inputs                 # fields, in the order of `plan`
 

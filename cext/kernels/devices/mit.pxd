@@ -11,19 +11,19 @@ from cext.abi cimport AUTHORITY, OK, PERIOD, Frame
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside, know_times
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
-cdef struct Mit:                # of blocks.actuators.joint.Joint; each family's struct contains it
+cdef struct Mit:                # items of blocks.actuators.joint.Joint; each family's struct contains it
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command
     int32_t position, velocity, torque, temperature, fault, age, torque_sent, limited
     int32_t can_id, invert, offset, max_acceleration, max_transit
     int32_t transit             # s, the longest measured, and what the age of the feedback does not contain
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
-    # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
+    # limits of the five commands and of the drive's whole law; permitted fraction of stiffness and damping
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping and torque of the last frame
 
 cdef inline str mit_sizes(): return "transit[3] wire[5] limits[7] sent[5]"
 
-cdef struct Codes:              # of a command
+cdef struct Codes:              # codes of a command
     uint32_t position
     uint32_t velocity
     uint32_t stiffness

@@ -1,8 +1,8 @@
 """Taring: the mean of a sensor's reading without load, subtracted from then on."""
 
-cdef enum: # of the memory of a tare
+cdef enum: # places in the memory of a tare
     ZERO                        # value to subtract
-    SUM                         # of the samples of this tare
+    SUM                         # sum of the samples of this tare
     COUNTED                     # number of samples in the sum
     WANTED                      # number of samples of a tare
     RUNNING                     # whether a tare is in progress

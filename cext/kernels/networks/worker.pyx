@@ -96,7 +96,7 @@ cdef int delayed_kernel(double *arena, const Delayed *at, const Delayed *sizes) 
         return NO_THREAD
     if arena[network.count] != ring.steps:
         return IN_USE
-    if arena[TIME] - ring.previous > arena[at.stale]:   # as of a block in a subsystem that is enabled again
+    if arena[TIME] - ring.previous > arena[at.stale]:   # as after its subsystem was disabled
         ring.began, ring.valid = arena[TIME], False
     ring.previous = arena[TIME]
     ring.steps += 1.0

@@ -35,8 +35,8 @@ cdef enum:
     TOO_HOT = 1                 # error code
 
 cdef enum: # in `motion`, in the motor's direction
-    KIND                        # of the active command, below 0 for none
-    TARGET                      # of that command, in SI units at the joint
+    KIND                        # kind of the active command, below 0 for none
+    TARGET                      # target of that command, in SI units at the joint
     FASTEST                     # rad/s, speed limit of a position command; 0 for none
     HARDEST                     # rad/s², acceleration limit of a position command; 0 for none
     REFERENCE                   # rad/s, reference of the speed loop

@@ -24,7 +24,7 @@ cdef enum: # kinds of frames
 cdef enum:
     DISABLED = 0x77
 
-cdef struct Status:             # of the joint
+cdef struct Status:             # status of the joint
     double position             # rad, without the offset
     double velocity             # rad/s
     double current              # A, in the joint's direction
@@ -58,7 +58,7 @@ cdef inline int read_frame(
             notice[0] = POWER_UP
         return NOTED
     if kind == EXTENDED_POSITION:
-        return NOTED            # sources disagree on its unit, 0.0001° or 0.01°; the status contains the position, too
+        return NOTED            # sources disagree on its unit, 0.0001° or 0.01°; the status also contains the position
     if kind != STATUS:
         return FOREIGN
     if frame.length != 8:

@@ -280,7 +280,7 @@ cdef int pack(Truth *truth, const Format *format, int descriptor_set, int64_t nu
         uint8_t *packet) noexcept nogil:
     """Write the fields of a data packet that are due. Returns their length.
 
-    number : of the sample; period : of the base rate
+    number : number of the sample; period : period of the base rate
     """
     cdef int offset = HEAD
     cdef int index, count

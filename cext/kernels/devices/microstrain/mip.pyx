@@ -28,7 +28,7 @@ cdef enum: # states of a tare
 
 cdef double SET_WAIT = 0.5      # s after the first packet; a sensor without a filter sends no set of it
 
-cdef struct Row:                # of the table
+cdef struct Row:                # row of the table
     double role
     double kind
     double count                # values
@@ -72,7 +72,7 @@ cdef struct MicroStrain:
     int32_t index, rows         # the table
     int32_t settings            # Settings
     int32_t state               # State
-    Rest outputs                # of channels with an output of their own
+    Rest outputs                # rest of the channels with an output of their own
 
 MICRO_STRAIN = items(
     (<MicroStrain *>ITEMS)[0],

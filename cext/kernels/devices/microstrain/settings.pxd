@@ -27,7 +27,7 @@ cdef struct Settings:
     double clock_drift
     double clock_start          # s
     double seed
-    double number               # of the model
+    double number               # number of the model
 
 cdef struct Format:
     int32_t count
@@ -40,7 +40,7 @@ cdef struct LowPass:
     float cutoff                # Hz, if manual
 
 cdef struct Setup:              # settings that can be saved
-    Format format[2]            # of the sets 80 and 82
+    Format format[2]            # formats of the sets 80 and 82
     int32_t streams[2]
     LowPass low_pass[FILTERED]
     uint8_t value[REGISTERS][VALUE]
@@ -76,7 +76,7 @@ cdef inline int poll(double *arena, const Sensor *at, const Sensor *sizes, const
         int descriptor_set, const uint8_t *data, int length, int size) noexcept nogil:
     """Find the fields that a request names, or those of the stored format. Returns 0 or the negated error code.
 
-    data : of the command from its option; size : bytes of each descriptor
+    data : data of the command, from its option; size : bytes of each descriptor
     """
     cdef int index, count
     if length < 2 or length < 2 + size * data[1]:

@@ -92,7 +92,7 @@ cdef int heard_decode(double *arena, const Unit *at, const Unit *sizes, const Fr
             return MALFORMED
         if state[DEAD] == 0.0 and not drops(arena, at):
             asked(arena, at, data)
-        return TAKEN if destination == own else FOREIGN         # a global request is addressed to others, too
+        return TAKEN if destination == own else FOREIGN         # a global request is also addressed to others
     if not PACKET_RATE <= group <= BEHAVIOUR or frame.length < 2 or data[0] != own or (frame.id & 0xFF) == own:
         return FOREIGN
     if frame.length < (2 if group == PACKET_RATE or group == PACKET_TYPE else 3):

@@ -11,13 +11,13 @@ from cext.abi cimport ERROR_FRAME, EXTENDED, REMOTE
 cdef enum: # parameter groups
     ADDRESS_CLAIM = 0xEE00
     REQUEST = 0xEA00
-    SLOPE_1 = 0xF013            # of the 335RI: ±64°
+    SLOPE_1 = 0xF013            # slope of the 335RI: ±64°
     SLOPE = 0xF029
     ANGULAR_RATE = 0xF02A
     ACCELERATION = 0xF02D
-    AMBIENT = 0xFEF5            # of J1939: ambient conditions
+    AMBIENT = 0xFEF5            # ambient conditions of J1939
     MAGNETIC_FIELD = 0xFF6A
-    FINE_RATE = 0xFF6B          # of the 335RI
+    FINE_RATE = 0xFF6B          # fine angular rate of the 335RI
     FINE_ACCELERATION = 0xFF6D
     PACKET_RATE = 0xFF55
     PACKET_TYPE = 0xFF56
@@ -29,7 +29,7 @@ cdef enum: # bits of the packet type
     SENDS_SLOPE = 1
     SENDS_RATE = 2
     SENDS_ACCELERATION = 4
-    SENDS_FIELD = 8             # of the 300RI; the 335RI has the next three instead
+    SENDS_FIELD = 8             # bit of the 300RI; the 335RI has the next three instead
     SENDS_FINE_RATE = 8
     SENDS_FINE_ACCELERATION = 16
     SENDS_SLOPE_1 = 32

@@ -72,7 +72,7 @@ cdef struct RobStride:
     int32_t registers           # values of the parameters 0x7000 to 0x703F
     int32_t defaults            # the same after power-on
     int32_t memory_of_drive     # the enum above
-    int32_t ignored             # of each parameter, whether writes have no effect
+    int32_t ignored             # whether writes have no effect, for each parameter
     int32_t identity            # eight bytes of its unique number, five of its firmware, whether it is a CyberGear
 
 ROB_STRIDE = items(

@@ -38,7 +38,7 @@ cdef enum: # in `talk`, after what cext/kernels/devices/robstride/settings.pxd k
     NEXT                        # time of the next read of faults, s
     PREPARED                    # the command in force allows a tick without a command
     WAITED                      # ticks without a reply while a read of faults was due
-    WORD                        # of faults
+    WORD                        # bits of faults
 
 cdef enum:
     READ = 0x300
@@ -88,7 +88,7 @@ cdef struct Driver:
     int32_t host_id
     int32_t talk                # the enum above
     int32_t settings            # see cext/kernels/devices/robstride/settings.pxd
-    int32_t arrival             # of the newest frame, s
+    int32_t arrival             # time of the newest frame, s
 
 DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[11] " + settings_size())
 
@@ -183,7 +183,7 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     cdef bint asks = reads_faults_now(arena, at, talk)
     cdef int count
     memcpy(held, sent, sizeof(held))
-    # the command before a request stays in force for one more period: its law is bounded over that, too
+    # the command before a request stays in force for one more period, over which its law is bounded too
     talk[PREPARED] = (
         not asks and (talk[READY] != 0.0 or arena[at.settings] == 0.0)
         and arena[TIME] + period + 1e-9 >= talk[NEXT]
@@ -218,7 +218,7 @@ cdef struct Emulated:
     int32_t latched             # faults until they are cleared
     int32_t too_old             # whether the firmware has no parameters
     int32_t left_velocity       # rad/s, with which another program has left it running
-    int32_t ignored             # of each register, whether writes have no effect
+    int32_t ignored             # whether writes have no effect, for each register
 
 EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes() + " registers[64] ignored[64]")
 

@@ -56,7 +56,7 @@ cdef struct Feedback:
     # consecutive replies, of those under torque, in which it did not run; faults of type 21
     int32_t state
     int32_t settings, read_back # see cext/kernels/devices/robstride/settings.pxd
-    int32_t arrival             # of the newest frame, s
+    int32_t arrival             # time of the newest frame, s
     int32_t unique              # whether the unique number was read; its upper and its lower half
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] unique[3] " + settings_size())
@@ -183,7 +183,7 @@ cdef struct Operation:
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command, position
     int32_t velocity, age, torque_sent, limited, invert, offset, max_acceleration, max_transit, wire
     int32_t transit             # s, the longest measured, and what the age of the feedback does not contain
-    # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
+    # limits of the five commands and of the drive's whole law; permitted fraction of stiffness and damping
     int32_t limits
     int32_t sent                # position, velocity, stiffness, damping, torque of the last frame
 
@@ -259,7 +259,7 @@ cdef struct Written:
     int32_t command             # input of the mode
     int32_t command_sent        # output with the value sent
     int32_t invert, offset
-    int32_t limits              # of the command; fraction of it that the drive monitor permits
+    int32_t limits              # limits of the command; fraction of them that the drive monitor permits
     # index of the command, its scale to the motor, whether the offset applies, index of the current limit, A
     int32_t written
 

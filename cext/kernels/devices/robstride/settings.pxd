@@ -13,7 +13,7 @@ cdef enum: # in `read_back`
     READY                       # the drive has returned every setting as written, or one of them wrong too often
     CONFIRMED                   # bits of the settings returned as written
     WRONG                       # reads in a row of one setting that differ
-    PLACE                       # of that setting, from 1 on
+    PLACE                       # place of that setting, from 1 on
     VALUE                       # its raw bits; UNREADABLE if the drive has no such parameter
     READ_BACK_SIZE
 
