@@ -77,5 +77,15 @@ EQUIVALENT = {
     "holds_relay(self.table, self.buses, device, now): -> "
     "if disabling and since <= self.longest_damping and "
     "holds_relay(self.table, self.buses, device, now):": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: elif now - self.listened >= STOP_LISTEN_LIMIT and "
+    "now + slack >= self.until: -> elif now - self.listened > STOP_LISTEN_LIMIT and now + slack >= self.until:": "by a "
+    "nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: if round + slack < self.gap <= STOP_LISTEN_LIMIT:      # after a "
+    "longer one, a bus has returned -> if round + slack < self.gap < STOP_LISTEN_LIMIT:      # after a longer one, a "
+    "bus has returned": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: elif self.last >= 0 and now - self.last >= round + round // 2: "
+    "-> elif self.last >= 0 and now - self.last > round + round // 2:": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx begin: self.arrived, self.gap = now, 0 -> self.arrived, self.gap = now, 1": "by "
+    "a nanosecond",
     "cext/schedule/foreign_commands.pxd commanded_device: return -1 -> return -2": "a negative number is no device",
 }

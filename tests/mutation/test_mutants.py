@@ -9,6 +9,7 @@ from tests.mutation.equivalent import EQUIVALENT
 from tests.mutation.laboratory import all_mutants, experiment, sampled
 from tests.mutation.mutants import mutants
 from tests.mutation.targets import TARGETS
+from tests.mutation.test_removed_checks import CHECKS
 
 SECONDS = float(os.environ.get("TICKWORK_MUTATION_SECONDS", 480))
 LEFT_OUT_LIMIT = 4  # tests in real time, on a busy machine
@@ -57,6 +58,11 @@ def test_modules_and_tests_of_every_target_exist():
     files = {f"{module}.pyx" for target in TARGETS for module in target.modules}
     files |= {test for target in TARGETS for test in target.tests}
     assert [file for file in sorted(files) if not (ROOT / file).is_file()] == []
+
+
+def test_every_check_that_is_removed_is_still_in_its_file():
+    places = {name: (ROOT / check.file).read_text().count(check.before) for name, check in CHECKS.items()}
+    assert places == dict.fromkeys(CHECKS, 1)
 
 
 def test_every_listed_equivalent_mutant_still_exists():

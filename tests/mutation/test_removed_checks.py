@@ -25,7 +25,7 @@ class Removed(NamedTuple):
 ARMING, DEVICES, BUSES = "cext/schedule/arming", "cext/schedule/devices", "cext/schedule/buses"
 CHECKS = {
     "H4a: the operator's confirmation": Removed(
-        "runtime/session/session.py",
+        "runtime/session/armed.py",
         '"confirm": table.confirm,',
         '"confirm": False,',
         (),

@@ -13,9 +13,10 @@ from graph import ReplyField, StopReply
 ROUND = 5_000_000  # ns
 ID, OTHER = 0x101, 0x102
 FRAMES = ((ID, 0x7FF, False, b""), (OTHER, 0x7FF, False, b""))
-TORQUE = ReplyField(FRAMES, 0, 16, -32.768, 32.767, signed=True)
-STATE = ReplyField(FRAMES, 16, 8, 0.0, 255.0)
-ECHO = (2, 0xA1)  # byte of a report, and its value after a disable
+TORQUE = ReplyField(FRAMES, 8, 16, -32.768, 32.767, signed=True)
+STATE = ReplyField(FRAMES, 24, 8, 0.0, 255.0)
+BEGIN = 200  # rounds since the begin of the clock
+ECHO = (0, 0xA1)  # byte of a report, and its value after a disable
 
 
 def confirming(**options):
@@ -23,7 +24,7 @@ def confirming(**options):
 
 
 def told(torque, state=0):
-    return struct.pack(">hB", round(torque * 1000), state)
+    return struct.pack(">BhB", state, round(torque * 1000), state)
 
 
 def ask(confirmation, rounds, answers=(told(0.0), told(0.0)), begin=0, source=ID):
@@ -40,7 +41,8 @@ def ask(confirmation, rounds, answers=(told(0.0), told(0.0)), begin=0, source=ID
 def in_the_silence(**options):
     """A drive that has answered two rounds at rest, and is asked nothing now. Returns it and the time."""
     confirmation = confirming(**options)
-    now = ask(confirmation, 2)
+    confirmation.begin(BEGIN * ROUND)
+    now = ask(confirmation, 2, begin=BEGIN)
     assert not confirmation.judge(now, ROUND) and not confirmation.may_send()
     return confirmation, now
 
@@ -53,7 +55,7 @@ def test_a_question_that_is_answered_at_rest_and_a_silence_confirm():
 @pytest.mark.hazard("H9d")
 @pytest.mark.parametrize(
     "data",
-    [told(0.6), told(-0.6), told(5.0), told(0.0)[:1], b""],
+    [told(0.6), told(-0.6), told(5.0), told(0.0)[:2], b""],
     ids=["torque", "negative torque", "much", "half a torque", "empty"],
 )
 def test_a_frame_in_the_silence_that_does_not_report_rest_lets_the_stop_go_on(data):
@@ -66,7 +68,7 @@ def test_a_frame_in_the_silence_that_does_not_report_rest_lets_the_stop_go_on(da
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("data", [told(0.6), told(0.0)[:1]], ids=["torque", "half a torque"])
+@pytest.mark.parametrize("data", [told(0.6), told(0.0)[:2]], ids=["torque", "half a torque"])
 def test_one_of_two_replies_that_does_not_report_rest_confirms_nothing(data):
     confirmation = confirming()
     ask(confirmation, 40, (told(0.0), data))
@@ -83,7 +85,7 @@ def test_rest_is_a_torque_up_to_its_limit_in_either_direction(torque, rests):
 @pytest.mark.hazard("H9d")
 @pytest.mark.parametrize(
     "data, rests",
-    [(told(0.0), True), (told(0.0, 1), False), (told(0.0, 255), False), (told(0.0)[:2], False)],
+    [(told(0.0), True), (told(0.0, 1), False), (told(0.0, 255), False), (told(0.0)[:3], False)],
     ids=["disabled", "enabled", "any bit", "no state"],
 )
 def test_a_drive_that_reports_its_state_is_at_rest_only_if_that_is_disabled(data, rests):
@@ -98,6 +100,13 @@ def test_bits_of_the_identifier_that_report_an_enabled_drive_confirm_nothing():
         confirmation = StopConfirmation(StopReply(frames, torque=TORQUE, rest=0.5, disabled=(0x10, 0x00)))
         ask(confirmation, 10, source=source)
         assert confirmation.confirmed == rests, hex(source)
+
+
+@pytest.mark.parametrize("source, data", [(ID, told(5.0)[:3]), (ID, told(5.0) + b"x"), (0x103, told(5.0))])
+def test_a_frame_with_another_length_or_id_is_of_another_device(source, data):
+    confirmation, now = in_the_silence(length=4)
+    assert not confirmation.note_frame(source, data, now + 1_000_000)
+    assert not confirmation.may_send() and confirmation.judge(now + ROUND, ROUND)
 
 
 def test_replies_of_two_devices_to_one_round_confirm_nothing():
@@ -129,11 +138,21 @@ def test_a_confirmation_is_withdrawn_by_torque_and_given_again_by_a_question_and
     assert confirmation.confirmed
 
 
-def test_a_late_reply_in_the_silence_makes_the_next_one_longer():
+def test_after_late_replies_in_the_silence_round_and_silence_last_one_and_a_half_times_as_long_as_the_last_took():
     confirmation, now = in_the_silence()
-    confirmation.note_frame(ID, told(0.0), now + 2_000_000)
-    assert not confirmation.judge(now + ROUND, ROUND) and not confirmation.may_send(), "there may be more"
-    assert not confirmation.judge(now + 2 * ROUND, ROUND) and confirmation.may_send()
+    for later in (2_000_000, 7_100_000):  # 12.1 ms after its question
+        confirmation.judge(now + later, ROUND)
+        confirmation.note_frame(ID, told(0.0), now + later)
+    for later in (2, 3):
+        assert not confirmation.may_send(), "there may be more"
+        assert not confirmation.judge(now + later * ROUND, ROUND)
+    assert confirmation.may_send()
+    now += 3 * ROUND
+    confirmation.sent(now, 2)
+    for _ in range(2):
+        confirmation.note_frame(ID, told(0.0), now + 100_000)
+    confirmed = [confirmation.judge(now + later * ROUND, ROUND) for later in range(1, 9)]
+    assert confirmed == [False] * 7 + [True]  # 18.15 ms each, in steps of a round, and less a quarter of one
 
 
 def test_a_silence_that_is_broken_again_and_again_ends():
