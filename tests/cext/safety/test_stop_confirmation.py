@@ -163,6 +163,21 @@ def test_a_silence_that_is_broken_again_and_again_ends():
     assert not confirmation.confirmed and confirmation.may_send()
 
 
+def test_replies_that_come_in_bursts_are_awaited_for_one_and_a_half_times_the_longest_gap():
+    confirmation = confirming()
+    waits = []
+    for number in range(7):
+        now = number * ROUND
+        confirmation.judge(now, ROUND)
+        waits.append(not confirmation.may_send())
+        if confirmation.may_send():
+            confirmation.sent(now, 2)
+        if number in (1, 3):  # the replies to all rounds until then, at 9 and 19 ms
+            for _ in range(4 if number == 1 else 2):
+                confirmation.note_frame(ID, told(0.0), now + 4_000_000)
+    assert waits == [False, False, False, True, True, True, True]  # 10 + 13.5 ms, then silence as long
+
+
 # Drives that report by themselves
 
 
