@@ -2,6 +2,7 @@
 tests/cext/schedule/test_stop_values.py.
 """
 
+import math
 import struct
 
 import pytest
@@ -52,6 +53,18 @@ def test_a_question_that_is_answered_at_rest_and_a_silence_confirm():
     assert confirmation.judge(now + ROUND, ROUND) and confirmation.may_send()
 
 
+def test_the_silence_may_be_a_quarter_of_a_round_short_as_rounds_begin_late_at_times():
+    confirmation, now = in_the_silence()
+    assert not confirmation.judge(now + ROUND - ROUND // 4 - 1, ROUND)
+    assert confirmation.judge(now + ROUND - ROUND // 4, ROUND)
+
+
+def test_a_device_without_torque_confirms_by_its_replies():
+    confirmation = StopConfirmation(StopReply(FRAMES))
+    ask(confirmation, 4)
+    assert confirmation.confirmed
+
+
 @pytest.mark.hazard("H9d")
 @pytest.mark.parametrize(
     "data",
@@ -73,6 +86,17 @@ def test_one_of_two_replies_that_does_not_report_rest_confirms_nothing(data):
     confirmation = confirming()
     ask(confirmation, 40, (told(0.0), data))
     assert not confirmation.confirmed
+
+
+def test_a_round_with_all_of_its_replies_and_one_with_torque_among_them_confirms_nothing():
+    confirmation = confirming()
+    for number in range(20):
+        confirmation.judge(number * ROUND, ROUND)
+        if confirmation.may_send():
+            confirmation.sent(number * ROUND, 2)
+            for torque in (0.0, 3.0, 0.0):
+                confirmation.note_frame(ID, told(torque), number * ROUND + 1_000_000)
+    assert not confirmation.confirmed and confirmation.may_send()
 
 
 @pytest.mark.parametrize("torque, rests", [(0.5, True), (-0.5, True), (0.501, False), (-0.501, False)])
@@ -122,9 +146,9 @@ def test_replies_of_two_devices_to_one_round_confirm_nothing():
 
 def test_a_round_that_was_sent_while_earlier_replies_may_be_under_way_confirms_nothing():
     confirmation = confirming()
-    confirmation.begin(0, 3 * ROUND)
+    confirmation.begin(BEGIN * ROUND, 3 * ROUND)
     for number in range(4):
-        now = ask(confirmation, 1, begin=number)
+        now = ask(confirmation, 1, begin=BEGIN + number)
         assert confirmation.judge(now, ROUND) is False and confirmation.may_send() == (number < 3), number
 
 
@@ -136,6 +160,45 @@ def test_a_confirmation_is_withdrawn_by_torque_and_given_again_by_a_question_and
     assert not confirmation.judge(now + 2 * ROUND, ROUND)
     ask(confirmation, 40, begin=now // ROUND + 2)
     assert confirmation.confirmed
+
+
+def test_a_second_stop_needs_a_confirmation_of_its_own_in_as_few_rounds():
+    confirmation, now = in_the_silence()
+    assert confirmation.judge(now + ROUND, ROUND)
+    again = now // ROUND + 8  # a gap that would be one of bursts
+    confirmation.begin(again * ROUND)
+    assert not confirmation.confirmed and confirmation.may_send() and confirmation.received == 0
+    assert math.isnan(confirmation.newest)
+    now = ask(confirmation, 3, begin=again)
+    assert not confirmation.confirmed and confirmation.judge(now, ROUND)
+
+
+@pytest.mark.parametrize("round, confirms", [(ROUND, False), (STOP_LISTEN_LIMIT, True)])
+def test_replies_to_one_round_alone_confirm_only_if_it_is_so_long_that_bursts_end_in_it(round, confirms):
+    confirmation = confirming()
+    for number in range(2):
+        confirmation.judge(number * round, round)
+        confirmation.sent(number * round, 2)
+    for _ in range(2):
+        confirmation.note_frame(ID, told(0.0), round + 1_000_000)
+    assert not confirmation.judge(2 * round, round)
+    assert confirmation.judge(3 * round, round) == confirms
+
+
+def test_a_silence_begins_again_one_and_a_half_rounds_after_a_late_reply():
+    confirmation, now = in_the_silence()
+    for later in (2, 8):
+        confirmation.judge(now + later * 1_000_000, ROUND)
+        confirmation.note_frame(ID, told(0.0), now + later * 1_000_000)
+    assert not confirmation.judge(now + 3 * ROUND, ROUND) and not confirmation.may_send(), "after 7 ms"
+    assert not confirmation.judge(now + 4 * ROUND, ROUND) and confirmation.may_send()
+
+
+def test_rounds_may_follow_each_other_without_a_judgement():
+    confirmation = confirming()
+    for number in range(5):
+        assert confirmation.may_send()
+        confirmation.sent(number * ROUND, 2)
 
 
 def test_after_late_replies_in_the_silence_round_and_silence_last_one_and_a_half_times_as_long_as_the_last_took():
@@ -163,19 +226,28 @@ def test_a_silence_that_is_broken_again_and_again_ends():
     assert not confirmation.confirmed and confirmation.may_send()
 
 
-def test_replies_that_come_in_bursts_are_awaited_for_one_and_a_half_times_the_longest_gap():
+@pytest.mark.parametrize("arrival", [8_000_000, 9_900_000])
+def test_replies_that_come_in_bursts_are_awaited_for_one_and_a_half_times_the_longest_gap(arrival):
     confirmation = confirming()
     waits = []
-    for number in range(7):
+    for number in range(6):
         now = number * ROUND
         confirmation.judge(now, ROUND)
         waits.append(not confirmation.may_send())
         if confirmation.may_send():
             confirmation.sent(now, 2)
-        if number in (1, 3):  # the replies to all rounds until then, at 9 and 19 ms
-            for _ in range(4 if number == 1 else 2):
-                confirmation.note_frame(ID, told(0.0), now + 4_000_000)
-    assert waits == [False, False, False, True, True, True, True]  # 10 + 13.5 ms, then silence as long
+        for _ in range(4 * (number == 1)):  # to both rounds
+            confirmation.note_frame(ID, told(0.0), arrival)
+    assert waits == [False, False, False, True, True, False]  # 10 + 12 ms, or 10 + 14.85 ms, less a quarter of a round
+
+
+@pytest.mark.parametrize("torque, rests", [(0.0, True), (2.0, False)])
+def test_a_frame_that_a_drive_also_sends_by_itself_is_no_reply_but_its_torque_counts(torque, rests):
+    confirmation = StopConfirmation(StopReply(FRAMES[:1], unasked=FRAMES[1:], torque=TORQUE, rest=0.5))
+    now = ask(confirmation, 2)
+    assert not confirmation.judge(now, ROUND) and not confirmation.may_send()
+    assert confirmation.note_frame(OTHER, told(torque), now + 1_000_000) and confirmation.received == 4
+    assert confirmation.judge(now + ROUND, ROUND) == rests
 
 
 # Drives that report by themselves
@@ -209,6 +281,22 @@ def test_an_error_code_that_has_gone_is_not_in_the_place_of_an_echo():
     reported(confirmation, told(0.0, 5), 0, STOP_REST // 1_000_000)
     confirmation.note_frame(ID, told(0.0), STOP_REST)
     assert not confirmation.judge(STOP_REST, ROUND)
+
+
+def test_an_echo_from_before_a_torque_confirms_nothing():
+    confirmation = confirming(reports=True, echo=ECHO)
+    reported(confirmation, told(0.0, ECHO[1]), 0)
+    confirmation.note_frame(ID, told(3.0, ECHO[1]), 1_000_000)
+    last = reported(confirmation, told(0.0), 2_000_000, STOP_REPORTS)
+    assert not confirmation.judge(last, ROUND) and not confirmation.judge(last + STOP_REST, ROUND)
+    assert confirmation.judge(reported(confirmation, told(0.0, ECHO[1]), last + 1_000_000), ROUND)
+
+
+def test_reports_from_before_the_first_round_confirm_nothing():
+    confirmation = confirming(reports=True)
+    for number in range(30):
+        confirmation.note_frame(ID, told(0.0), number * 1_000_000)
+        assert not confirmation.judge(number * 1_000_000, ROUND)
 
 
 def test_torque_between_reports_begins_the_rest_again():
