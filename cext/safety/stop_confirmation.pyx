@@ -61,7 +61,6 @@ cdef class StopConfirmation:
         self.phase = SENDING
         self.began, self.transit, self.asked, self.window = now, transit, -1, 0
         self.rounds = self.wanted = self.seen = self.rest_count = self.received = 0
-        self.source, self.last, self.rest_since = -1, -1, -1
         self.arrived, self.gap = now, 0
         self.restless = self.echoed = self.failed = self.confirmed = False
         self.newest = NAN

@@ -95,10 +95,6 @@ EQUIVALENT = {
     "if self.last <= 0 and now + slack >= self.until:": "no reply arrives at the first nanosecond",
     "cext/safety/stop_confirmation.pyx judge_answers: if self.last < 0 and now + slack >= self.until: -> "
     "if self.last < 1 and now + slack >= self.until:": "no reply arrives at the first nanosecond",
-    "cext/safety/stop_confirmation.pyx begin: self.source, self.last, self.rest_since = -1, -1, -1 -> "
-    "self.source, self.last, self.rest_since = -1, -1, -2": "the first reply at rest sets it",
-    "cext/safety/stop_confirmation.pyx begin: self.source, self.last, self.rest_since = -1, -1, -1 -> "
-    "self.source, self.last, self.rest_since = -1, -2, -1": "any negative number is none",
     "cext/safety/stop_confirmation.pyx begin: self.began, self.transit, self.asked, self.window = now, transit, -1, 0 "
     "-> self.began, self.transit, self.asked, self.window = now, transit, -2, 0": "any negative number is none",
     "cext/safety/stop_confirmation.pyx judge_answers: self.phase, self.last, self.listened = LISTENING, -1, now -> "
@@ -108,6 +104,20 @@ EQUIVALENT = {
     "cext/safety/stop_confirmation.pyx judge_answers: if round + slack < self.gap <= STOP_LISTEN_LIMIT:      # after a "
     "longer one, a bus has returned -> if round + slack <= self.gap <= STOP_LISTEN_LIMIT:      # after a longer one, a "
     "bus has returned": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx sent: self.seen, self.source, self.gap = 0, -1, 0 "
+    "-> self.seen, self.source, self.gap = 0, -2, 0": "any negative number is none",
+    "cext/safety/stop_confirmation.pyx sent: self.seen, self.source, self.gap = 0, -1, 0 "
+    "-> self.seen, self.source, self.gap = 0, -1, 1": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: elif self.last >= 0 and now - self.last >= round + round // 2: "
+    "-> elif self.last >= 1 and now - self.last >= round + round // 2:": "no reply arrives at the first nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: elif now - self.listened >= STOP_LISTEN_LIMIT and "
+    "now + slack >= self.until: -> elif now - self.listened >= STOP_LISTEN_LIMIT and now + slack > self.until:": "by a "
+    "nanosecond",
+    "cext/safety/stop_confirmation.pyx sent: if self.window > 0 and not self.confirmed:                 # then a run "
+    "that waits sends in every round -> if self.window > 1 and not self.confirmed:                 # then a run that "
+    "waits sends in every round": "by a nanosecond",
+    "cext/safety/stop_confirmation.pyx judge_answers: elif self.last >= 0 and now - self.last >= round + round // 2: "
+    "-> elif self.last > 0 and now - self.last >= round + round // 2:": "no reply arrives at the first nanosecond",
     "cext/safety/stop_confirmation.pyx begin: self.arrived, self.gap = now, 0 -> self.arrived, self.gap = now, 1": "by "
     "a nanosecond",
     "cext/schedule/foreign_commands.pxd commanded_device: return -1 -> return -2": "a negative number is no device",

@@ -173,6 +173,12 @@ def test_a_second_stop_needs_a_confirmation_of_its_own_in_as_few_rounds():
     assert not confirmation.confirmed and confirmation.judge(now, ROUND)
 
 
+def test_a_stop_that_begins_in_the_silence_of_another_sends_at_once():
+    confirmation, now = in_the_silence()
+    confirmation.begin(now)
+    assert confirmation.may_send() and not confirmation.judge(now + ROUND, ROUND)
+
+
 @pytest.mark.parametrize("round, confirms", [(ROUND, False), (STOP_LISTEN_LIMIT, True)])
 def test_replies_to_one_round_alone_confirm_only_if_it_is_so_long_that_bursts_end_in_it(round, confirms):
     confirmation = confirming()
@@ -183,6 +189,14 @@ def test_replies_to_one_round_alone_confirm_only_if_it_is_so_long_that_bursts_en
         confirmation.note_frame(ID, told(0.0), round + 1_000_000)
     assert not confirmation.judge(2 * round, round)
     assert confirmation.judge(3 * round, round) == confirms
+
+
+def test_the_first_round_confirms_nothing_however_long_it_is():
+    confirmation = confirming()
+    confirmation.sent(0, 2)
+    for _ in range(2):
+        confirmation.note_frame(ID, told(0.0), 1_000_000)
+    assert not confirmation.judge(STOP_LISTEN_LIMIT, STOP_LISTEN_LIMIT) and confirmation.may_send()
 
 
 def test_a_silence_begins_again_one_and_a_half_rounds_after_a_late_reply():

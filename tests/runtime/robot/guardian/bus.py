@@ -138,9 +138,9 @@ class Bus:
     def await_torque(self):
         """Until both knees are under torque."""
         for motor in self.motors:
-            assert self.listen(10.0, lambda frame: frame.identifier == motor and is_torque(frame)), (
-                "no torque was commanded"
-            )
+            if not self.listen(10.0, lambda frame: frame.identifier == motor and is_torque(frame)):
+                run = self.runs[-1]
+                raise AssertionError(f"no torque to {motor}: {run.poll() is not None and run.communicate()}")
 
     def commands(self, motor, since=0.0, asking=False):
         """Frames to a motor. asking : whether also those with which arming asks it before it is enabled"""
