@@ -114,7 +114,8 @@ class I2cDevice(Device):
     def configure(self) -> None:
         if self.known_addresses and self.address not in self.known_addresses:
             raise ValueError(
-                f"address {self.address:#04x}: the addresses of a {self.kind} are {listed(self.known_addresses)}"
+                f"address {self.address:#04x}: the addresses of a {self.kind} are "
+                f"{addresses_in_words(self.known_addresses)}"
             )
         if self.mux and not MUX <= self.mux < MUX + 8:
             raise ValueError(
@@ -189,6 +190,6 @@ class I2cDevice(Device):
         return {}
 
 
-def listed(addresses: tuple[int, ...]) -> str:
+def addresses_in_words(addresses: tuple[int, ...]) -> str:
     """Return addresses as text, in hexadecimal."""
     return ", ".join(f"{address:#04x}" for address in addresses)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from blocks._plumbing.filter_bounds import designed
+from blocks._plumbing.filter_bounds import design_at
 from blocks.windows import samples_in
 from cext.kernels import limiters as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
@@ -210,7 +210,7 @@ class RMSTorqueLimiter(Block):
         self.squares = [0.0] * count
 
     def output_range(self, torque: Interval) -> Interval:
-        unlimited, counts = torque | Interval.point(0.0), designed(self)
+        unlimited, counts = torque | Interval.point(0.0), design_at(self)
         if counts is None:
             return unlimited
         count, ticks = counts

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from blocks._plumbing.biquads import Biquads
-from blocks._plumbing.filter_bounds import designed, reach_of_cascade, reach_of_state_space, stable
+from blocks._plumbing.filter_bounds import design_at, reach_of_cascade, reach_of_state_space, stable
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output, Param
 from graph.interval import EVERYTHING
@@ -83,7 +83,7 @@ class TransferFunction(Block):
         self.rest = delays_at_rest(self.b, self.a)
 
     def output_range(self, u: Interval) -> Interval | None:
-        section = designed(self) if self.domain == "s" else self.design(None)
+        section = design_at(self) if self.domain == "s" else self.design(None)
         reach = None if section is None else reach_of_cascade((section,))
         return EVERYTHING if reach is None else reach.interval([u])
 

@@ -67,7 +67,7 @@ class Kernel:
 
     def __init__(self, function: Any, items: Any, owner: Any = None) -> None:
         self.function, self.owner = function, owner
-        self.items = tuple(parsed(word) for word in items.split()) if isinstance(items, str) else tuple(items)
+        self.items = tuple(parse_item(word) for word in items.split()) if isinstance(items, str) else tuple(items)
         names = [item.name for item in self.items]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -98,7 +98,7 @@ def of_struct(fields: dict[str, Any], sizes: str) -> tuple[Item, ...]:
 
     sizes : str, the items that are not one number, as in "u[...] limits[7]"
     """
-    stated = {item.name: item for item in map(parsed, sizes.split())}
+    stated = {item.name: item for item in map(parse_item, sizes.split())}
     items = tuple(stated.pop(item.name, item) for item in named(fields))
     if stated:
         raise ValueError(f"sizes are given for items that the struct does not have: {', '.join(stated)}")
@@ -111,12 +111,12 @@ def named(fields: dict[str, Any]) -> Iterator[Item]:
         if not isinstance(value, dict):
             yield Item(name)
         elif set(value) == REST:
-            yield parsed("*" + name)
+            yield parse_item("*" + name)
         else:
             yield from named(value)
 
 
-def parsed(word: str) -> Item:
+def parse_item(word: str) -> Item:
     """The Item of a word such as "limits[7]". ValueError"""
     match = ITEM.fullmatch(word)
     if match is None or match[1] and (match[2] not in ("inputs", "outputs") or match[3]):

@@ -175,7 +175,7 @@ class Select(Block):
     index = Param(
         0,
         "1",
-        "index of the elements: an integer or several; with `of`, a NumPy index in the form of `encoded`",
+        "index of the elements: an integer or several; with `of`, a NumPy index as `encode_index` returns it",
         dtype=object,
     )
     of = Param(None, "1", "shape of the input, inferred from the wire if omitted", dtype=tuple)
@@ -194,7 +194,7 @@ class Select(Block):
             return
         shape = whole_numbers("of", self.of)
         try:
-            taken = np.arange(math.prod(shape)).reshape(shape)[decoded(self.index)]
+            taken = np.arange(math.prod(shape)).reshape(shape)[decode_index(self.index)]
         except IndexError as error:
             raise ValueError(f"index: {error}") from None
         if not taken.size:
@@ -226,10 +226,10 @@ class Select(Block):
         return u
 
 
-def encoded(index: Any) -> Any:
+def encode_index(index: Any) -> Any:
     """Encode an index for JSON: {"slice": (start, stop, step)}, {"list": (...)}, {"ellipsis": True}, int or tuple."""
     if isinstance(index, tuple):
-        return tuple(encoded(item) for item in index)
+        return tuple(encode_index(item) for item in index)
     if isinstance(index, slice):
         return {"slice": (index.start, index.stop, index.step)}
     if isinstance(index, list):
@@ -239,10 +239,10 @@ def encoded(index: Any) -> Any:
     return operator.index(index)
 
 
-def decoded(index: Any) -> Any:
+def decode_index(index: Any) -> Any:
     """Return the NumPy index of an encoded one."""
     if isinstance(index, tuple):
-        return tuple(decoded(item) for item in index)
+        return tuple(decode_index(item) for item in index)
     if isinstance(index, dict):
         return ... if "ellipsis" in index else slice(*index["slice"]) if "slice" in index else list(index["list"])
     return index

@@ -21,7 +21,7 @@ from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
-from graph.live_checks import listed, rejected
+from graph.live_checks import rejected_combination, values_in_words
 from graph.store import from_json, loadable, registered, to_json
 
 if TYPE_CHECKING:
@@ -310,10 +310,10 @@ def check_rules(kind: type[Block], parameters: dict[str, Any]) -> None:
     )
     for chosen in (*((name,) for name in names), *combinations(names, 2)):
         block = with_live(kind, parameters, chosen)
-        found = rejected(block, list(chosen), block.dt) if block is not None else None
+        found = rejected_combination(block, list(chosen), block.dt) if block is not None else None
         assert found is None, (
-            f"{kind.__name__} rejects {listed(found[0])} ({found[1]}), which a live change may set: declare the "
-            'rule in the class, as in rules = ("lower <= upper",), give the parameters bounds, or declare one '
+            f"{kind.__name__} rejects {values_in_words(found[0])} ({found[1]}), which a live change may set: declare "
+            'the rule in the class, as in rules = ("lower <= upper",), give the parameters bounds, or declare one '
             "fixed=True"
         )
 

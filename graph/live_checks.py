@@ -30,12 +30,12 @@ def check_live(compilation: Compilation) -> None:
             continue
         compilation.attempt(block, lambda: check_ramps(block, names))
         dt = block.every / compilation.diagram.rate
-        found = rejected(block, names, dt)
+        found = rejected_combination(block, names, dt)
         if found is not None:
             values, message = found
             compilation.report(
                 "TW010",
-                f"its live bounds allow {listed(values)}, which it rejects: {message}",
+                f"its live bounds allow {values_in_words(values)}, which it rejects: {message}",
                 block,
                 hint='declare the rule in its class, as in rules = ("lower <= upper",), which holds for live values, '
                 "or choose narrower bounds in Live(...)",
@@ -55,7 +55,7 @@ def check_ramps(block: Block, names: list[str]) -> None:
             )
 
 
-def rejected(block: Block, names: list[str], dt: float) -> tuple[dict[str, Any], str] | None:
+def rejected_combination(block: Block, names: list[str], dt: float) -> tuple[dict[str, Any], str] | None:
     """Return a combination of live values that the rules allow and a hook rejects, and its message; None without one.
 
     names : names of the live parameters
@@ -105,6 +105,6 @@ def within(block: Block, name: str, value: float) -> bool:
     return type(value) is block.parameters[name].dtype and bounds.min <= value <= bounds.max
 
 
-def listed(values: Mapping[str, Any]) -> str:
+def values_in_words(values: Mapping[str, Any]) -> str:
     """Return values as text: "lower=5, upper=3"."""
     return ", ".join(f"{name}={value:g}" for name, value in values.items())

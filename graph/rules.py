@@ -27,10 +27,10 @@ def rules_of(kind: Any) -> list[Rule]:
     if isinstance(vars(kind).get("rules"), str):
         raise TypeError(f'{kind.__name__}.rules is a string: write a tuple, as in rules = ("{kind.rules}",)')
     texts = dict.fromkeys(text for base in reversed(kind.__mro__) for text in vars(base).get("rules", ()))
-    return [rule for text in texts for rule in parsed(kind, text)]
+    return [rule for text in texts for rule in parse_rules(kind, text)]
 
 
-def parsed(kind: Any, text: str) -> list[Rule]:
+def parse_rules(kind: Any, text: str) -> list[Rule]:
     """Return the rules of a text, one for each comparison of a chain. Raises TypeError."""
     try:
         tree = ast.parse(text, mode="eval").body

@@ -87,7 +87,7 @@ class Signal(WithoutValue):
         if shape == ():
             raise TypeError(f"{self.path} is a scalar, which has no elements; {STACK}")
         if shape is not ...:
-            return self.operators.Select(self.operators.encoded(index), shape)(self)
+            return self.operators.Select(self.operators.encode_index(index), shape)(self)
         if isinstance(index, (slice, tuple)) or index is ...:
             raise TypeError(
                 f"{self.path}: slices and indices of several axes require a declared shape. List the elements "

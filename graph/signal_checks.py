@@ -88,22 +88,24 @@ def limiters(
             if isinstance(block, (Device, Sink)):
                 continue
             for output in block.outputs:
-                large, larger = (made(block, output, name, Interval(-size, size)) for size in (LARGE, 10.0 * LARGE))
+                large, larger = (
+                    output_interval_of(block, output, name, Interval(-size, size)) for size in (LARGE, 10.0 * LARGE)
+                )
                 if large is None or larger is None:
                     continue
                 if large == larger:
                     if block.clips and large.bounded and interval not in large:
                         yield block, Interval(*sorted((large.low / gain, large.high / gain)))
                     continue
-                scale = made(block, output, name, Interval.point(1.0))
+                scale = output_interval_of(block, output, name, Interval.point(1.0))
                 onward = Signal(block, output)
-                passed = made(block, output, name, interval)
+                passed = output_interval_of(block, output, name, interval)
                 if passed is not None and scale is not None and scale.low == scale.high != 0.0 and onward not in seen:
                     seen.add(onward)
                     waiting.append((onward, passed, gain * scale.low))
 
 
-def made(block: Block, output: str, name: str, interval: Interval) -> Interval | None:
+def output_interval_of(block: Block, output: str, name: str, interval: Interval) -> Interval | None:
     """Return the output interval of a block for an interval at one input, the others 0; None if it states none."""
     inputs: dict[str, Any] = {other: Interval.point(0.0) for other in block.inputs} | {name: interval}
     try:

@@ -114,12 +114,12 @@ def statement(module: Any, node: ast.stmt) -> Iterator[str]:
     elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         yield f"{node.target.id}: {ast.unparse(node.annotation)}"
     elif isinstance(node, (ast.Assign, ast.With, ast.For, ast.If, ast.Try)):
-        for name in assigned(node):
+        for name in assigned_names(node):
             if hasattr(module, name) and not name.startswith("__"):
                 yield f"{name}: {type_of(getattr(module, name))}"
 
 
-def assigned(node: ast.stmt) -> list[str]:
+def assigned_names(node: ast.stmt) -> list[str]:
     """Return the names that a statement assigns, in order."""
     targets = [each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
     return list(dict.fromkeys(targets))
@@ -155,7 +155,9 @@ def methods(node: ast.ClassDef, without: Iterable[str] = ()) -> list[str]:
 
 def attributes(node: ast.ClassDef) -> list[str]:
     """Return the names that a class or its methods assign to the class or to self, in order."""
-    found = [name for each in node.body if isinstance(each, (ast.Assign, ast.AnnAssign)) for name in assigned(each)]
+    found = [
+        name for each in node.body if isinstance(each, (ast.Assign, ast.AnnAssign)) for name in assigned_names(each)
+    ]
     for each in ast.walk(node):
         if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and isinstance(each.value, ast.Name):
             if each.value.id == "self":

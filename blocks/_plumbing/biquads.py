@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from blocks._plumbing.filter_bounds import designed, reach_of_cascade
+from blocks._plumbing.filter_bounds import design_at, reach_of_cascade
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output
 from graph.interval import EVERYTHING
@@ -44,7 +44,7 @@ class Biquads(Block):
         self.rest = at_rest(sections)
 
     def output_range(self, u: Interval) -> Interval | None:
-        sections = designed(self)
+        sections = design_at(self)
         bounds = None if sections is None else reach(sections)
         return EVERYTHING if bounds is None else bounds.interval([u])
 

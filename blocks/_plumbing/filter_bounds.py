@@ -31,7 +31,7 @@ def with_zero(interval: Interval) -> Interval:
     return interval | Interval.point(0.0)
 
 
-def designed(block: Any) -> Any:
+def design_at(block: Any) -> Any:
     """Return the block's design(dt), or None if the rate is unknown or unsuitable.
 
     `prepare` reports an unsuitable rate.

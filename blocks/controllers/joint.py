@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from blocks._plumbing.filter_bounds import designed, reach_of_state_space
+from blocks._plumbing.filter_bounds import design_at, reach_of_state_space
 from blocks._plumbing.ranges import wave
 from blocks.linear import zero_order_hold
 from cext.kernels import controllers as kernels
@@ -80,7 +80,7 @@ class Admittance(Block):
         self.transition = np.append(A.ravel(), B.ravel())
 
     def output_range(self, torque: Any, equilibrium: Any) -> Any:
-        system = designed(self)
+        system = design_at(self)
         if system is None:
             return {}
         A, B = system

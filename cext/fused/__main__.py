@@ -85,7 +85,7 @@ def library_for(target: str) -> library.Library:
         for (_, key, *_), made in zip(jobs, pool.map(lambda job: stencils(target, *job), jobs)):
             found.setdefault(key, []).extend(made)
     parts = {
-        name: packed({}, 0, clang.compiled(clang.HEADER + clang.DECLARATIONS + source, target))
+        name: packed({}, 0, clang.compile_stencil(clang.HEADER + clang.DECLARATIONS + source, target))
         for name, source in (("end", clang.END), ("call", clang.CALLED))
     }
     print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels")
@@ -113,11 +113,11 @@ def stencils(
     symbol = key.split()[1]
     source = text.text_of(path.with_suffix(".c"), symbol)
     try:
-        open_one = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes), target)
+        open_one = clang.compile_stencil(clang.c_text(source, symbol, length, fixed, sizes), target)
         read = sorted({hole.which for hole in open_one.holes if hole.value == clang.SIZE})
         found = []
         for constants in constant_sizes(read, names, next(iter(fixed.values()), 0)):
-            stencil = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes | constants), target)
+            stencil = clang.compile_stencil(clang.c_text(source, symbol, length, fixed, sizes | constants), target)
             if len(stencil.code) <= CONSTANT_LIMIT:
                 found.append(packed(fixed | constants, length, stencil))
         return [*found, packed(fixed, length, open_one)]

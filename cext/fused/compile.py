@@ -97,7 +97,7 @@ int64_t stencil(double *arena) {{
 """
 
 
-def compiled(text: str, target: str, clang: str = "clang-19") -> Stencil:
+def compile_stencil(text: str, target: str, clang: str = "clang-19") -> Stencil:
     """Return the Stencil of a C text. Raises ValueError for an error, or a relocation that cannot become a hole.
 
     With `OPAQUE` an instruction of its own moves each hole to a register.

@@ -64,7 +64,7 @@ def key_of(kernel: Any) -> str:
 
 
 @cache
-def opened() -> tuple[Library | None, str]:
+def open_library() -> tuple[Library | None, str]:
     """Return the library for this processor, or the reason why this process does not fuse programs."""
     if os.environ.get("TICKWORK_FUSED") == "0":
         return None, "TICKWORK_FUSED=0 in the environment"
@@ -80,7 +80,7 @@ def opened() -> tuple[Library | None, str]:
 
 def library() -> Library | None:
     """Return the library for this processor, or None if this process does not fuse programs."""
-    return opened()[0]
+    return open_library()[0]
 
 
 def read(path: Path) -> dict[str, Library]:
@@ -132,7 +132,7 @@ def stencil_of(kernel: Any, sizes: tuple[int, ...]) -> Stencil | None:
 
 def obstacle(kernel: Any, sizes: tuple[int, ...]) -> str:
     """Return the reason why a step of a Kernel with a table of sizes is called and not fused, or ""."""
-    found, reason = opened()
+    found, reason = open_library()
     if found is None or stencil_of(kernel, sizes) is not None:
         return reason
     key = key_of(kernel)

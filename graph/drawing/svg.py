@@ -185,12 +185,12 @@ def joints(lines: Sequence[Line]) -> str:
 def branches(lines: Sequence[Line]) -> list[float]:
     """Return the length in px that each line from one port shares with an earlier one."""
     return [
-        max((shared(item.points, other.points) for other in lines[:index]), default=0.0)
+        max((common_length(item.points, other.points) for other in lines[:index]), default=0.0)
         for index, item in enumerate(lines)
     ]
 
 
-def shared(one: tuple[tuple[float, float], ...], other: tuple[tuple[float, float], ...]) -> float:
+def common_length(one: tuple[tuple[float, float], ...], other: tuple[tuple[float, float], ...]) -> float:
     """Return the length of the common beginning of two paths."""
     length = 0.0
     for (a, b), (c, d) in zip(pairwise(one), pairwise(other)):

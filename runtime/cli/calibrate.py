@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     from runtime.setup.commissioning.calibration.result import find
 
-    sensor, readings = measured(options)
+    sensor, readings = measure_sensor(options)
     result = find(readings, options.only)
     print_lines(
         [
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
     if not result.parts:
         print_to_stderr(["tickwork: no part could be calibrated; no file was written"])
         return CHECK_FAILED
-    print_lines(written(options.out, sensor, result))
+    print_lines(write_result(options.out, sensor, result))
     return OK if not result.missing else CHECK_FAILED
 
 
@@ -93,7 +93,7 @@ def parts(text: str) -> tuple[str, ...]:
     return names
 
 
-def measured(options: Namespace) -> tuple[Device, Readings]:
+def measure_sensor(options: Namespace) -> tuple[Device, Readings]:
     """Measure on the rig or in simulation. Returns (sensor, Readings)."""
     from runtime.robot.loading.file import load
     from runtime.robot.rig.file import read
@@ -109,10 +109,10 @@ def measured(options: Namespace) -> tuple[Device, Readings]:
     if rig is None:
         return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
     with OnRig(rig, sensor) as source:
-        return sensor, watched(source, options)
+        return sensor, measure_on_rig(source, options)
 
 
-def watched(source: OnRig, options: Namespace) -> Readings:
+def measure_on_rig(source: OnRig, options: Namespace) -> Readings:
     """Measure on a rig and report progress. Returns Readings; Ctrl-C ends the measurement early."""
     from runtime.setup.commissioning.calibration.measuring import NOTHING
     from runtime.setup.commissioning.calibration.result import find
@@ -156,7 +156,7 @@ def present(path: Path) -> tuple[Calibration, list[str]]:
         raise BadInput(f"{error}; the file was not changed: correct or remove it") from None
 
 
-def written(folder: Path, sensor: Device, result: Result) -> list[str]:
+def write_result(folder: Path, sensor: Device, result: Result) -> list[str]:
     """Write the TOML file and the picture. Returns lines for standard output.
 
     Parts of the present file that were not calibrated now are kept.

@@ -14,11 +14,11 @@ from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.suggestions import suggestion
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.rig.file import parse, read
 from runtime.robot.rig.overrides import override
 from runtime.setup.commissioning import rig_edit
-from runtime.setup.commissioning.bus import opened, plain, single_bus
+from runtime.setup.commissioning.bus import open_bus, plain, single_bus
 from runtime.setup.commissioning.configure import apply, joint
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def drive(options: Namespace) -> int:
     if not request.other_than():
         raise BadInput("nothing to do: pass --read, --write, --set-id, --zero, --protocol or --save (see --help)")
     apply.check(request)
-    with opened(single_bus(options)) as bus:
+    with open_bus(single_bus(options)) as bus:
         return OK if apply.carry_out(bus, request, options.yes) else CHECK_FAILED
 
 
@@ -93,19 +93,19 @@ def configure_joint(options: Namespace) -> int:
         raise BadInput("--joint only writes the rig file: omit the options that set up a drive")
     rig = read(options.rig)
     file, diagram = load(Path(options.what), (), rig)
-    compiled(Path(options.what), diagram)
+    compile_diagram(Path(options.what), diagram)
     block = diagram.blocks.get(options.joint)
     devices = {block.path: block for block in diagram if isinstance(block, Device)}
     if block is None or not isinstance(block, Device):
         hint = suggestion(options.joint, devices) or f"its devices are {', '.join(sorted(devices)) or 'none'}"
         raise BadInput(f"--joint {options.joint}: {diagram.name} has no such device; {hint}")
-    with opened(rig.buses[block.bus]) as bus:
+    with open_bus(rig.buses[block.bus]) as bus:
         mounting = joint.find(joint.Motor(bus, block))
     before = rig.devices.get(block.path, {})
-    text = rig_edit.changed(options.rig, rig.text, block.path, mounting)
+    text = rig_edit.change_device(options.rig, rig.text, block.path, mounting)
     _, again = load(Path(options.what), ())
     override(parse(options.rig, text), again)
-    compiled(Path(options.what), again)  # errors are reported before the file is written
+    compile_diagram(Path(options.what), again)  # errors are reported before the file is written
     print_lines([f'[device."{block.path}"] of {options.rig}:'])
     print_lines(
         [

@@ -77,9 +77,9 @@ def main(arguments: Sequence[str]) -> int:
                 if trial.trouble and not trial.unfinished:
                     code = max(code, CHECK_FAILED)
                 for path in (
-                    finished(trial, progress)
+                    complete_files(trial, progress)
                     if options.in_place
-                    else converted(trial, dict.fromkeys(kinds), options.rate, options.output, names, progress)
+                    else convert_recording(trial, dict.fromkeys(kinds), options.rate, options.output, names, progress)
                 ):
                     progress.terminal.erase()
                     print_lines([path])
@@ -102,7 +102,7 @@ def formats(text: str) -> list[str]:
     return kinds
 
 
-def converted(
+def convert_recording(
     trial: Trial,
     kinds: dict[str, None],
     rate: float | None,
@@ -118,7 +118,7 @@ def converted(
     if rate is not None:
         trial = trial.resample(rate)
     if names is not None:
-        trial = opensim.named(trial, *names)
+        trial = opensim.rename_signals(trial, *names)
     for kind in kinds:
         FORMATS.load(kind).check(trial, kind)
     stem = str((folder or recording.parent) / recording.stem)
@@ -138,7 +138,7 @@ def converted(
         yield path
 
 
-def finished(trial: Trial, progress: Progress) -> Iterator[Path]:
+def complete_files(trial: Trial, progress: Progress) -> Iterator[Path]:
     """Complete the files of one recording in place and yield their paths."""
     for path in trial.parts:
         try:

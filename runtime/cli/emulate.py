@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code, for a signal that of `run`."""
     options = parse(arguments)
     from graph import StreamDevice
-    from runtime.record.report.summary import exit_code, stopped
+    from runtime.record.report.summary import exit_code, stop_reason
     from runtime.robot.emulation.buses import PlantBuses
     from runtime.robot.emulation.gpio_server import GpioServer
     from runtime.robot.emulation.lines import GPIO, NETWORK, TERMINALS, EmulatedLines, lines_of
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
         outcome = service.run(options.duration)
         if outcome.faulted:
             print_to_stderr(_fault(outcome, buses))
-        elif reason := stopped(outcome):
+        elif reason := stop_reason(outcome):
             print_to_stderr([reason])
         print_lines(summary(service.statistics, schedule))
         return exit_code(outcome)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.families import example_models, families, find_model
 from runtime.cli.configure import drive_id
 from runtime.cli.parsing import Parser, add_bus, add_options, fields_of, instance
-from runtime.cli.run import carried_out
+from runtime.cli.run import carry_out
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
 from runtime.host.options import TIME_LIMIT, number, option
@@ -128,7 +128,7 @@ def main(arguments: Sequence[str]) -> int:
             "joint limits are not checked: only move an actuator that can turn freely",
         ]
     )
-    result = moved(options, bus, settings)
+    result = run_movement(options, bus, settings)
     print_lines(summary.summary(result))
     return summary.exit_code(result.outcome)
 
@@ -156,7 +156,7 @@ def parse(arguments: Sequence[str]) -> Namespace:
     return parser.parse_args(arguments)
 
 
-def moved(options: Namespace, bus: RigBus, settings: Mapping[str, Any]) -> Result:
+def run_movement(options: Namespace, bus: RigBus, settings: Mapping[str, Any]) -> Result:
     """Carry out the run of a movement. Returns its Result."""
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
         rig = Path(place) / "move.toml"  # only the bus: the diagram has no other devices
@@ -171,7 +171,7 @@ def moved(options: Namespace, bus: RigBus, settings: Mapping[str, Any]) -> Resul
             bench=True,
         )
         try:
-            return carried_out(request)
+            return carry_out(request)
         except RigError as error:  # without the path of the temporary file
             raise BadInput("\n".join(map(str, error.problems))) from None
 

@@ -240,7 +240,7 @@ def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
 
 def live(request: Request, options: Namespace) -> int:
     """Optimise in real time. Returns the exit code of the run."""
-    from runtime.cli.run import concluded
+    from runtime.cli.run import carry_out_session
     from runtime.experiments.optimisation.recorder import OptimisedRecorder
     from runtime.record.recorder import can_ask
     from runtime.record.report import summary
@@ -252,10 +252,10 @@ def live(request: Request, options: Namespace) -> int:
     print_to_stderr(map(str, prepared.schedule.warnings))
     resumed = None if options.resume is None else os.fspath(options.resume)
     recorder = partial(OptimisedRecorder, optimiser_plan=plan, state_path=resumed)
-    result = concluded(Session(prepared, print_to_stderr, recorder=recorder))
+    result = carry_out_session(Session(prepared, print_to_stderr, recorder=recorder))
     print_lines(summary.summary(result))
     print_lines([*outcome(result.recording["state"]), *comparison(result, options.measure)])
-    return summary.exit_code(result.outcome, summary.unsaved(result))
+    return summary.exit_code(result.outcome, summary.unsaved_in_words(result))
 
 
 def comparison(result: Result, measure: float) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from runtime.cli import drawing
 from runtime.cli.parsing import Parser, add_options, instance
-from runtime.cli.run import carried_out, profiled
+from runtime.cli.run import carry_out, profile_lines
 from runtime.host.console.terminal import print_lines
 from runtime.record.report import summary
 from runtime.record.report.profile import picture
@@ -23,9 +23,9 @@ def main(arguments: Sequence[str]) -> int:
     )
     options = parser.parse_args(arguments)
     drawing.check(options.output)
-    result = carried_out(instance(Request, options, no_record=True, profile=True))
+    result = carry_out(instance(Request, options, no_record=True, profile=True))
     print_lines(summary.summary(result))
-    print_lines(profiled(result))
+    print_lines(profile_lines(result))
     if result.outcome.signal:  # end at once: drawing takes a second
         return summary.exit_code(result.outcome)
     output = options.output or Path(f"{options.file.stem}_profile.png")

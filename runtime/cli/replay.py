@@ -8,7 +8,7 @@ from runtime.host.console.terminal import one_line, print_lines
 from runtime.host.errors import CHECK_FAILED, OK
 from runtime.host.options import folder
 from runtime.record.report.replay import text
-from runtime.session.replay import opened, replay
+from runtime.session.replay import open_recording, replay
 from runtime.session.replay_source import source_of
 
 
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
         "--record", type=folder, metavar="DIR", help="write the new recording to this folder (default: it is not kept)"
     )
     options = parser.parse_args(arguments)
-    trial = opened(options.recording)
+    trial = open_recording(options.recording)
     source = source_of(trial, options.diagram)
     if source.sha256 is not None:  # named by the recording, not by the operator
         print_lines([one_line(f"running {source.file}: its content is the recorded one")])

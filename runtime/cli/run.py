@@ -21,29 +21,29 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code of the run, as in runtime.record.report.summary.exit_code."""
     from runtime.record.report import summary
 
-    result = carried_out(parse_run(arguments))
+    result = carry_out(parse_run(arguments))
     if result.request.report is not None:
         with suppress(BrokenPipeError), open(result.request.report, "w") as pipe:
             pipe.write(json.dumps({"files": result.recording.get("files", [])}) + "\n")
     print_lines(summary.summary(result))
     if result.request.profile and not result.outcome.faulted:
-        print_lines(profiled(result))
+        print_lines(profile_lines(result))
     if not result.outcome.faulted and result.request.report is None:
         print_lines(summary.hints(result, program()))
-    return summary.exit_code(result.outcome, summary.unsaved(result))
+    return summary.exit_code(result.outcome, summary.unsaved_in_words(result))
 
 
-def carried_out(request: Request) -> Result:
+def carry_out(request: Request) -> Result:
     """Carry out a run and print its problems. Returns its Result."""
     from runtime.session.prepare import prepare
     from runtime.session.session import Session
 
     prepared = prepare(request)
     print_to_stderr(map(str, prepared.schedule.warnings))
-    return concluded(Session(prepared, print_to_stderr))
+    return carry_out_session(Session(prepared, print_to_stderr))
 
 
-def concluded(session: Session) -> Result:
+def carry_out_session(session: Session) -> Result:
     """Carry out a Session and print its problems. Returns its Result."""
     from runtime.host.machine.realtime import RealtimeRefused
     from runtime.record.recorder import RecorderError
@@ -56,12 +56,12 @@ def concluded(session: Session) -> Result:
     reopen_streams()
     if result.outcome.faulted:
         print_to_stderr(result.report)
-    elif (reason := summary.stopped(result.outcome)) is not None:
+    elif (reason := summary.stop_reason(result.outcome)) is not None:
         print_to_stderr([reason])
     return result
 
 
-def profiled(result: Result) -> list[str]:
+def profile_lines(result: Result) -> list[str]:
     """Return the lines of the profile of a run."""
     from cext.clock.stopwatch import time_of_lap
     from runtime.record.report.profile import table

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import OK, BadInput
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.rig.acceptance import require_acceptance
 from runtime.robot.rig.battery import require_supply
 from runtime.robot.rig.file import read
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> int:
     require_ranges(rig, diagram)
     require_supply(rig.battery, diagram, rig.path)
     adapt(diagram, request)
-    schedule = compiled(request.file, diagram)
+    schedule = compile_diagram(request.file, diagram)
     require_acceptance(rig.path, schedule.caveats, request.accept)
     Poses(diagram, schedule, request.poses)
     arming_slot(diagram, schedule, request.arm_on)

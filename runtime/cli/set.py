@@ -74,7 +74,7 @@ def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
     if not settings:
         return listing(pid, shared, run_table)
     changes = batches([changes_of(run_table, name, text) for name, text in settings], run_table.rules)
-    return [text for batch in changes for text in sent(shared, run_table, pid, batch)]
+    return [text for batch in changes for text in send_changes(shared, run_table, pid, batch)]
 
 
 def find(pid: int) -> SharedState:
@@ -92,7 +92,9 @@ def find(pid: int) -> SharedState:
     )
 
 
-def sent(shared: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
+def send_changes(
+    shared: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]
+) -> list[str]:
     """Send changes and return their lines. Raises BadInput as `send` does."""
     before = table.values(shared, run_table.parameters)
     tick = send(shared, run_table, pid, changes)

@@ -18,7 +18,7 @@ from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.options import TIME_LIMIT, number
 from runtime.record.storage.files import make_folder
 from runtime.session.request import Request
-from runtime.setup.commissioning.bus import i2c_bus, opened, single_bus
+from runtime.setup.commissioning.bus import i2c_bus, open_bus, single_bus
 from runtime.setup.commissioning.streaming import Watched, stream
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
         )
     can_id = drive_id(options.can_id)
     kind, model = model_of(options) if options.model else (None, None)
-    with opened(single_bus(options)) as bus:
+    with open_bus(single_bus(options)) as bus:
         drive = Watched(bus, can_id, kind, model)
         print_lines(
             [
@@ -207,7 +207,7 @@ def node(kind: Node, arguments: Sequence[str]) -> int:
     if options.address != int(options.address) or options.address < 128:
         raise BadInput(f"ADDRESS: expected a whole number from 128 to 247, got {options.address:g}")
     parameters = {name: getattr(options, name) for name, _ in kind.options.values()}
-    with opened(single_bus(options)) as bus:
+    with open_bus(single_bus(options)) as bus:
         watched = WatchedNode(bus, kind, int(options.address), **parameters)
         print_lines(
             [f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"]

@@ -28,13 +28,13 @@ def tag(key: bytes, content: bytes) -> bytes:
     return hmac.new(key, content, hashlib.sha256).digest()[:TAG_BYTES]
 
 
-def sealed(key: bytes, frame: bytes, session: bytes, number: int) -> bytes:
+def seal_datagram(key: bytes, frame: bytes, session: bytes, number: int) -> bytes:
     """Return the datagram of a frame. session : that of the receiver; number : larger than in the datagram before"""
     content = frame + session + number.to_bytes(NUMBER_BYTES, "little")
     return content + tag(key, content)
 
 
-def opened(key: bytes, datagram: bytes) -> tuple[bytes, bytes, int] | None:
+def open_datagram(key: bytes, datagram: bytes) -> tuple[bytes, bytes, int] | None:
     """Return (frame, session, number) of a datagram, None if it is not signed with the key."""
     content = datagram[:SIGNED_BYTES]
     if len(datagram) != DATAGRAM_BYTES or not hmac.compare_digest(tag(key, content), datagram[SIGNED_BYTES:]):
@@ -57,7 +57,7 @@ class Receiver:
 
     def frame(self, datagram: bytes) -> tuple[bytes | None, bytes | None]:
         """Return (frame, None) for a datagram that counts, else (None, the reply to it or None)."""
-        found = opened(self.key, datagram)
+        found = open_datagram(self.key, datagram)
         if found is None:
             return None, None
         frame, session, number = found
@@ -78,7 +78,7 @@ class Signer:
     def datagram(self, frame: bytes) -> bytes:
         """Return the datagram of a frame."""
         self.number += 1
-        return sealed(self.key, frame, self.session, self.number)
+        return seal_datagram(self.key, frame, self.session, self.number)
 
     def note(self, reply: bytes) -> None:
         """Adopt the session of a reply."""

@@ -12,7 +12,7 @@ from graph import Device, Diagram, Schedule
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.simulation import Simulation
 from runtime.session.request import Request
@@ -122,7 +122,7 @@ def compile_adapted(request: Request, diagram: Diagram) -> tuple[Schedule, int]:
     """Apply the options of a Request to its diagram and compile it. Returns its Schedule and the number of ticks."""
     adapt(diagram, request)
     ticks = ticks_of(request, diagram)
-    schedule = compiled(request.file, diagram)
+    schedule = compile_diagram(request.file, diagram)
     check_rearming(diagram, request.rearm, can_ask())
     return schedule, ticks
 

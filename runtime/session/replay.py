@@ -29,7 +29,7 @@ from runtime.record.analysis.compare import Comparison
 from runtime.record.analysis.trial import Trial
 from runtime.record.recorder import RecorderError
 from runtime.record.recorder.local import LocalRecorder
-from runtime.robot.loading.file import compiled
+from runtime.robot.loading.file import compile_diagram
 from runtime.session.prepare import Prepared
 from runtime.session.replay_comparison import ReplayComparison
 from runtime.session.replay_feed import Feed, payloads
@@ -142,7 +142,7 @@ class ReplaySession(Session):
         return control
 
 
-def opened(path: str | Path) -> Trial:
+def open_recording(path: str | Path) -> Trial:
     """Return the Trial of a recording. Raises BadInput if it cannot be replayed.
 
     path : path of the .mcap file
@@ -157,7 +157,7 @@ def opened(path: str | Path) -> Trial:
 def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Replayed:
     """Run a recording again.
 
-    trial : as `opened` returns it
+    trial : as `open_recording` returns it
     source : as `source_of` returns it
     folder : folder for a recording of the replay, or None
 
@@ -165,7 +165,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
     """
     diagram, where, origin = diagram_of(trial, source)
     add_recorder(trial, diagram)
-    schedule = compiled(where, diagram)
+    schedule = compile_diagram(where, diagram)
     live_changes(trial, schedule)  # refuses before anything starts
     comparison = ReplayComparison(trial.signals, {column.path: asdict(column) for column in schedule.recorded})
     feed = Feed(trial, schedule.buses, EXTERNAL_ENDS, comparison.add_recorded)

@@ -76,7 +76,7 @@ def diagram_of(trial: Trial, source: Source) -> tuple[Diagram, Path, dict[str, A
     """Return (Diagram, path of its source, metadata of the source for the new recording). Raises BadInput."""
     metadata = trial.about["metadata"]
     if source.file is None:
-        diagram, where, origin = stored(trial, source), trial.path, {}
+        diagram, where, origin = stored_diagram(trial, source), trial.path, {}
     else:
         rig, settings = metadata.get("rig"), list(metadata.get("settings", {}).items())
         file, diagram = load(source.file, settings, rig and parse(Path(rig["file"]), rig["text"]), source.sha256)
@@ -85,7 +85,7 @@ def diagram_of(trial: Trial, source: Source) -> tuple[Diagram, Path, dict[str, A
     return diagram, where, origin
 
 
-def stored(trial: Trial, source: Source) -> Diagram:
+def stored_diagram(trial: Trial, source: Source) -> Diagram:
     """Return the diagram that is stored in a recording. Raises BadInput."""
     remedy = "run a diagram file with --diagram FILE"
     if trial.diagram is None:

@@ -8,7 +8,7 @@ from cext.memory.shared_state import SharedState
 from cext.schedule.outcome import Outcome
 from cext.schedule.program import Program
 from runtime.host.machine.realtime import Realtime
-from runtime.record.report.held_exceptions import held
+from runtime.record.report.held_exceptions import held_exceptions
 from runtime.session.prepare import Prepared
 
 
@@ -45,8 +45,8 @@ class Result(Prepared):
 
     @cached_property
     def held(self) -> list[dict[str, Any]]:
-        """The exceptions that blocks have held, as returned by runtime.record.report.held_exceptions.held."""
-        return held(self.request.file, self.control, self.plant)
+        """The exceptions that blocks have held: runtime.record.report.held_exceptions.held_exceptions."""
+        return held_exceptions(self.request.file, self.control, self.plant)
 
     @property
     def failed_in_plant(self) -> bool:

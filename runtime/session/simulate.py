@@ -24,7 +24,7 @@ from runtime.host.options import pairs_of
 from runtime.host.suggestions import suggestion
 from runtime.record.analysis.trial import Trial
 from runtime.record.report.fault import explain
-from runtime.robot.loading.file import build, compiled, source
+from runtime.robot.loading.file import build, compile_diagram, source
 from runtime.robot.loading.overrides import restore, set_seeds
 from runtime.robot.loading.recorded_signals import PLANT, everything
 from runtime.robot.loading.simulation import Simulation
@@ -133,7 +133,7 @@ class SimulatedRun:
         if request.seed is not None:
             self._replaced += set_seeds(robot, request.seed)
         ticks = ticks_of(request, robot)
-        schedule = compiled(self._file.path, robot)
+        schedule = compile_diagram(self._file.path, robot)
         schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
         simulation = Simulation(self._file, robot, schedule, seed=request.seed, plant_signals=plant_signals)
         self._replaced += simulation.replaced

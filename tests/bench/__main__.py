@@ -29,7 +29,7 @@ def main(arguments: list[str]) -> int:
         return OK if name in ("-h", "--help") else BAD_INPUT
     module = f"runtime.cli.bench.{PRODUCT[name]}" if name in PRODUCT else f"tests.bench.commands.{name}"
     try:
-        report = import_module(module).measured(rest)
+        report = import_module(module).measure_and_print(rest)
     except (BadInput, NoCompiler) as error:
         print(f"tests.bench: {error}", file=sys.stderr)
         return BAD_INPUT

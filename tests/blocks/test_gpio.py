@@ -203,25 +203,25 @@ def test_pulse_is_sent_at_tick_0_and_on_request():
 
 def test_missing_pin_chip_or_package_is_reported(monkeypatch):
     with pytest.raises(Refused) as caught:
-        gpio_line.opened("stop", **EStopSwitch(name="stop").opening())
+        gpio_line.open_line("stop", **EStopSwitch(name="stop").opening())
     assert (
         caught.value.problem.code == "TW127" and caught.value.problem.message == '[device."stop"] has no chip and pin'
     )
     monkeypatch.setitem(__import__("sys").modules, "gpiod", None)
     with pytest.raises(Refused) as caught:
-        gpio_line.opened("stop", **EStopSwitch(name="stop", pin="GPIO17").opening())
+        gpio_line.open_line("stop", **EStopSwitch(name="stop", pin="GPIO17").opening())
     assert caught.value.problem.hint == "pip install 'tickwork[gpio]'"
 
 
 def test_missing_chip_is_reported_with_its_path(tmp_path):
     pytest.importorskip("gpiod")
     with pytest.raises(Refused) as caught:
-        gpio_line.opened("button", **GpioInput(name="button", chip="/dev/gpiochip99", pin="17").opening())
+        gpio_line.open_line("button", **GpioInput(name="button", chip="/dev/gpiochip99", pin="17").opening())
     assert caught.value.problem.code == "TW127" and "no such chip" in caught.value.problem.message
     for path in ("/dev/null", str(tmp_path / "file")):
         (tmp_path / "file").write_text("")
         with pytest.raises(Refused) as caught:
-            gpio_line.opened("button", **GpioInput(name="button", chip=path, pin="GPIO17").opening())
+            gpio_line.open_line("button", **GpioInput(name="button", chip=path, pin="GPIO17").opening())
         assert caught.value.problem.code in ("TW119", "TW127")
     with pytest.raises(Refused):
-        gpio_line.opened("sync", **SyncOut(name="sync", chip="/dev/gpiochip99", pin="4").opening())
+        gpio_line.open_line("sync", **SyncOut(name="sync", chip="/dev/gpiochip99", pin="4").opening())

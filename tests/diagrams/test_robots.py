@@ -44,7 +44,7 @@ def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monk
     """In the drivers, the emulated devices and the wearer too."""
     fused = runtime.run(path(robot), 3.0, plant_signals="*")
     with monkeypatch.context() as patch:
-        patch.setattr(library, "opened", lambda: (None, "not in this test"))
+        patch.setattr(library, "open_library", lambda: (None, "not in this test"))
         called = runtime.run(path(robot), 3.0, plant_signals="*")
     assert list(fused.signals) == list(called.signals)
     differ = [name for name in fused.signals if fused[name].tobytes() != called[name].tobytes()]

@@ -25,7 +25,7 @@ from cext.schedule.program import Program
 from graph import Diagram, StreamDevice, compile
 from runtime.robot.guardian.relay import Relay
 from runtime.robot.rig.errors import Refused
-from runtime.robot.rig.gpio_line import opened
+from runtime.robot.rig.gpio_line import open_line
 from runtime.robot.rig.streams import StreamLines
 from runtime.setup.commissioning import ports_inventory
 from tests.blocks.running import player
@@ -281,7 +281,7 @@ def test_rejected_requests_are_explained(chip):
 
     def refused(**how):
         with pytest.raises(Refused) as caught:
-            opened("button", **GpioInput(name="button", **at(chip, **how)).opening())
+            open_line("button", **GpioInput(name="button", **at(chip, **how)).opening())
         return caught.value.problem
 
     assert refused(name="GPIO17").code == "TW127" and refused(name="9").code == "TW127"

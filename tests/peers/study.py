@@ -22,7 +22,7 @@ from runtime.experiments.studies.cluster import Cluster
 from runtime.experiments.studies.description import Study
 from runtime.experiments.studies.engine import Here, Processes
 from runtime.experiments.studies.objectives import rms
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.simulation import Simulation
 from tests.peers import netlists
 from tests.peers.tickwork import diagram_of, native_block
@@ -42,7 +42,7 @@ BY_HAND = "runtime.run, two processes by hand"
 def bare_ticks():
     """Processor time of the ticks of one trial, in s, without recording."""
     file, robot = load(KNEE_EXO)
-    schedule = compiled(file.path, robot)
+    schedule = compile_diagram(file.path, robot)
     plant = Simulation(file, robot, schedule)
     executor = Executor(
         Program(schedule, plant.ends()),

@@ -40,7 +40,7 @@ def reads(request: Request) -> list[Parameter]:
     """Return the Parameters to read."""
     if "all" in request.reads:
         return list(parameters.PARAMETERS.values())
-    return [named(name, "--read") for name in request.reads]
+    return [parameter_of(name, "--read") for name in request.reads]
 
 
 def writes(request: Request) -> list[tuple[Parameter, float]]:
@@ -50,7 +50,7 @@ def writes(request: Request) -> list[tuple[Parameter, float]]:
         name, equals, value = text.partition("=")
         if not equals:
             raise Rejected(f"--write {text}: expected NAME=VALUE, as in limit_torque=10")
-        parameter = named(name.strip(), "--write")
+        parameter = parameter_of(name.strip(), "--write")
         if not parameter.writable:
             raise Rejected(f"--write {name}: {parameter.meaning} is measured or commanded and cannot be configured")
         try:
@@ -67,7 +67,7 @@ def writes(request: Request) -> list[tuple[Parameter, float]]:
     return found
 
 
-def named(name: str, option: str) -> Parameter:
+def parameter_of(name: str, option: str) -> Parameter:
     """Return a parameter by its name. option : command-line option named in the message
 
     Raises Rejected for an unknown parameter.

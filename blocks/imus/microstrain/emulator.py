@@ -110,7 +110,7 @@ class EmulatedMicroStrain(Device):
         """Return the row of a setting."""
         factory = setting.factory
         if setting.command == models.ROTATION[self.spec.newer] and self.sensor_to_vehicle:
-            factory = models.vector(*mounting.stored(self.sensor_to_vehicle, self.spec.newer))
+            factory = models.vector(*mounting.stored_angles(self.sensor_to_vehicle, self.spec.newer))
         head = (float(setting.command), float(setting.reply), float(len(factory)))
         return *head, *map(float, factory), *[0.0] * (kernels.value_limit - len(factory))
 

@@ -133,14 +133,14 @@ def mount(sensor: Commands) -> Iterator[Exchange]:
             sensor.refuse("it has no command for sensor_to_vehicle", "omit it")
         return
     if wanted:
-        angles = mounting.stored(wanted, newer)
+        angles = mounting.stored_angles(wanted, newer)
         yield from sensor.apply(
             mip.command(command >> 8, command & 0xFF, "Bfff", mip.WRITE, *angles), "its sensor-to-vehicle rotation"
         )
     data = yield from sensor.read(command, reply, required=bool(wanted))
     if data is None:
         return
-    found = mounting.stored(struct.unpack(">fff", data[:12]), newer)
+    found = mounting.stored_angles(struct.unpack(">fff", data[:12]), newer)
     is_so = not wanted or mounting.between(found, wanted) < SAME_ANGLE
     sensor.confirm("sensor to vehicle", is_so, in_degrees(found), in_degrees(wanted))
     if mounting.between(found, (0.0, 0.0, 0.0)) < SAME_ANGLE:

@@ -23,7 +23,7 @@ def matrix(angles: Sequence[float]) -> Matrix:
     ]
 
 
-def stored(angles: Sequence[float], newer: bool) -> tuple[float, ...]:
+def stored_angles(angles: Sequence[float], newer: bool) -> tuple[float, ...]:
     """Return the angles to store for a sensor mounted at these angles, and the reverse; all in rad."""
     if newer:
         return tuple(angles)

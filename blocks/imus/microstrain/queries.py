@@ -89,7 +89,7 @@ def identify(attempts: int = ATTEMPTS) -> Iterator[Exchange]:
     return Information.of((yield from ask(QUESTION)).get(ANSWER, b""))
 
 
-def known() -> Iterator[Exchange]:
+def known_commands() -> Iterator[Exchange]:
     """Return the commands and data of a sensor: sets and descriptors in one number each."""
     numbers = set()
     for command, reply in ((mip.DESCRIPTORS, 0x82), (mip.MORE_DESCRIPTORS, 0x86)):

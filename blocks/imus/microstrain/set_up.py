@@ -18,7 +18,7 @@ from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.commands import GENERIC_FORMAT, Commands
 from blocks.imus.microstrain.descriptors import FILTER, SENSOR, lacking, requested
 from blocks.imus.microstrain.filters import SETTINGS
-from blocks.imus.microstrain.queries import known
+from blocks.imus.microstrain.queries import known_commands
 
 if TYPE_CHECKING:
     from graph.dialogue import Exchange
@@ -33,7 +33,7 @@ def set_up(device: Any) -> Iterator[Exchange]:
 
     Raises Rejected, NoReply, Refusal.
     """
-    sensor = SetUp(device, (yield from known()))
+    sensor = SetUp(device, (yield from known_commands()))
     yield from sensor.send()
     return sensor.messages, sensor.remarks, sensor.settings
 

@@ -13,7 +13,7 @@ from runtime.host.options import whole_number
 from runtime.setup.bench.report import Report, machine, machine_lines, row, spread
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the table. Returns the Report."""
     parser = Parser("bench bus", "Measure the cost of a bus per tick, and the latency that the guardian adds.")
     parser.add_argument(

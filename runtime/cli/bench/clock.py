@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 RATES = (200, 1000, 2000)  # Hz
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the table. Returns the Report."""
     options = parser().parse_args(arguments)
     from runtime.setup.bench.clock import CONTENDERS

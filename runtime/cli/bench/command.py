@@ -17,12 +17,12 @@ COMMANDS = {"bus": bus, "clock": clock, "gait": gait}
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     name, *rest = arguments or [""]
-    report = COMMANDS[name].measured(rest) if name in COMMANDS else measured(arguments)
+    report = COMMANDS[name].measure_and_print(rest) if name in COMMANDS else measure_and_print(arguments)
     report.finish()
     return OK
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure blocks and compiles, and print their tables. Returns the Report."""
     parser = Parser(
         "bench",

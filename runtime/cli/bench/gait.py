@@ -15,7 +15,7 @@ from runtime.setup.bench.report import Report
 FIGURES = ("missed", "invented", "median_ms", "p95_ms", "phase_rms_percent")
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the tables. Returns the Report."""
     parser = Parser(
         "bench gait",

@@ -13,7 +13,7 @@ from typing import Any
 from graph.sha256 import sha256
 from runtime.experiments.studies.description import Study, described
 from runtime.experiments.studies.engine import Engine, Order, failed
-from runtime.experiments.studies.modules import import_again, imported
+from runtime.experiments.studies.modules import import_again, is_imported
 from runtime.experiments.studies.trial_row import answer
 from runtime.host.console.terminal import print_to_stderr
 from runtime.host.errors import BadInput
@@ -98,7 +98,7 @@ def _trial(order, description, source, sources, folder, release):
         return {"stop": f"the worker cannot read {description['diagram']}: {error.strerror}"}
     if folder not in sys.path:
         sys.path.append(folder)
-    if not imported(sources):
+    if not is_imported(sources):
         own = described(description).sources()
         if own != sources:
             names = ", ".join(name for name in sources if own.get(name) != sources[name])

@@ -17,7 +17,7 @@ from graph.sha256 import sha256
 from runtime.experiments.studies import modules, objectives
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
-from runtime.robot.loading.overrides import derived
+from runtime.robot.loading.overrides import derive_seed
 from runtime.robot.loading.recorded_signals import PLANT
 
 if sys.version_info >= (3, 11):
@@ -247,4 +247,4 @@ def _check_distribution(name, given):
 def _draw(name, given, count, seed):
     """Return the samples of one parameter, which do not depend on the other parameters."""
     (kind, numbers) = next(iter(given.items()))
-    return DISTRIBUTIONS[kind](np.random.default_rng(derived(seed, name)), count, *numbers).tolist()
+    return DISTRIBUTIONS[kind](np.random.default_rng(derive_seed(seed, name)), count, *numbers).tolist()

@@ -51,7 +51,7 @@ def sources(diagram: Path, objectives: Iterable[str]) -> dict[str, str]:
     return dict(sorted(digests.items()))
 
 
-def imported(digests: dict[str, str]) -> bool:
+def is_imported(digests: dict[str, str]) -> bool:
     """Return whether `import_again` was called with these digests last."""
     return all(_imported.get(name) == digest for name, digest in digests.items())
 

@@ -27,10 +27,10 @@ def matching(name: str, known: Iterable[str]) -> list[str]:
 
 def hint(name: str, known: Collection[str]) -> str:
     """Return 'did you mean ...?' for a name or pattern without a match, or ''."""
-    return suggestion(name, [*known, *shared(known)] if is_pattern(name) else known)
+    return suggestion(name, [*known, *shared_patterns(known)] if is_pattern(name) else known)
 
 
-def shared(known: Iterable[str]) -> dict[str, list[str]]:
+def shared_patterns(known: Iterable[str]) -> dict[str, list[str]]:
     """Return {pattern: names} of parameters that several parts of a diagram share.
 
     '*/profile.scale' matches left/profile.scale and right/profile.scale.

@@ -33,14 +33,14 @@ def batches(groups: Iterable[Changes], rules: Iterable[LiveRule] = ()) -> list[C
     rules : rules of the run; changes of parameters that a rule relates also belong together
     """
     collected: list[Changes] = [[]]
-    for group in joined(groups, rules):
+    for group in join_related(groups, rules):
         if len(collected[-1]) + len(group) > CHANGE_LIMIT:
             collected.append([])
         collected[-1] += group
     return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
 
 
-def joined(groups: Iterable[Changes], rules: Iterable[LiveRule]) -> list[Changes]:
+def join_related(groups: Iterable[Changes], rules: Iterable[LiveRule]) -> list[Changes]:
     """Return groups of changes, those joined whose parameters a rule relates."""
     found = list(groups)
     for entry in rules:

@@ -192,7 +192,10 @@ def left_out_text(result: dict[str, Any]) -> str:
 
 
 def signals_texts(result: dict[str, Any]) -> tuple[str, str]:
-    """Return the signals of the figures, without the folder of the leg, as two texts. result : from `legs.measured`"""
+    """Return the signals of the figures, without the folder of the leg, as two texts.
+
+    result : as `legs.average_strides` returns it
+    """
     signals = {name: path.removeprefix(f"{result['title']}/") for name, path in result["signals"].items()}
     return f"work of {signals['torque']} and {signals['velocity']}", (
         f"angle {signals['angle']}, phase {signals['phase']}"

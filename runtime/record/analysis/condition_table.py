@@ -76,7 +76,11 @@ def compare(first: Condition, second: Condition) -> dict[str, Differences]:
             figure(name, unit + per_kg * scales, *(np.array([of(one) for one in leg.strides]) for leg in (a, b)))
             for name, unit, of, scales in FIGURES
         ]
-        differences[title] = (len(a.strides), len(b.strides)), ranked(figures), ranked(signals(a, b))[:SIGNAL_LIMIT]
+        differences[title] = (
+            (len(a.strides), len(b.strides)),
+            sort_by_effect(figures),
+            sort_by_effect(signals(a, b))[:SIGNAL_LIMIT],
+        )
     if not differences:
         raise BadInput(
             f"{first.label} has {', '.join(mine)} and {second.label} has {', '.join(others)}: no leg in common"
@@ -146,7 +150,7 @@ def share(difference: float, of: float) -> float:
     return 0.0 if difference == 0.0 else difference / of if of > 0.0 else math.copysign(math.inf, difference)
 
 
-def ranked(rows: Iterable[Row]) -> list[Row]:
+def sort_by_effect(rows: Iterable[Row]) -> list[Row]:
     """Return the rows in order of their effect; beyond EFFECT_LIMIT, where strides hardly vary, of their size."""
     return sorted(rows, key=lambda row: (min(row.effect, EFFECT_LIMIT), abs(row.relative)), reverse=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from runtime.host.errors import BadInput
 from runtime.record.analysis.average_stride import CURVES, Stride
-from runtime.record.analysis.legs import STRIDE_REPORT, measured
+from runtime.record.analysis.legs import STRIDE_REPORT, average_strides
 from runtime.record.analysis.strides import bounds, over
 from runtime.record.storage.files import short_names
 from runtime.record.storage.messages import split
@@ -49,7 +49,7 @@ class Condition:
         scale = 1.0 if self.mass is None else 1.0 / self.mass
         return {
             result["title"]: Leg(self, result["title"], result["signals"], [scaled(stride, scale) for stride in each])
-            for result, each in measured(self.trial, self.events, self.between, self.last)
+            for result, each in average_strides(self.trial, self.events, self.between, self.last)
         }
 
     def curves(self, path: str) -> np.ndarray:

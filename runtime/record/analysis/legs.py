@@ -49,10 +49,10 @@ def legs(
 
     Arguments and errors are those of `measured`.
     """
-    return [result for result, _ in measured(trial, events, between, last)]
+    return [result for result, _ in average_strides(trial, events, between, last)]
 
 
-def measured(
+def average_strides(
     trial: TrialData,
     events: str | Sequence[float] | np.ndarray | None = None,
     between: tuple[str, str] | None = None,
@@ -84,10 +84,10 @@ def measured(
         samples = np.column_stack([column.astype(float) for column in columns])
         ticks, time = trial.tick[rows], trial.time[rows]
         chosen = (time >= begin) & (time <= end)
-        average = averaged(trial, ticks[chosen], samples[chosen])
+        average = each_stride_of(trial, ticks[chosen], samples[chosen])
         if last is not None and len(average.each) > last:
             chosen &= (ticks >= average.each[-last].begin - 1) & (ticks <= average.each[-1].end)
-            average = averaged(trial, ticks[chosen], samples[chosen])
+            average = each_stride_of(trial, ticks[chosen], samples[chosen])
         if average.each:
             measured_legs.append(({"title": title, "path": path, "signals": signals, **average.result()}, average.each))
     if not measured_legs:
@@ -100,7 +100,7 @@ def measured(
     return [({**one, "title": one["path"] if several else one["title"]}, each) for one, each in measured_legs]
 
 
-def averaged(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> EachStride:
+def each_stride_of(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> EachStride:
     """Return the EachStride of rows. ticks, samples : as for AverageStride.add"""
     average = EachStride(trial.about["rate"])
     average.add(ticks, samples)

@@ -61,7 +61,7 @@ def rows_of(trial: TrialData, paths: Iterable[str]) -> list[list[str]]:
     """
     kinds = {}
     for path in paths:
-        for signal in named(trial, path):
+        for signal in signals_of(trial, path):
             kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(
                 dict.fromkeys(elements(trial, signal))
             )
@@ -71,7 +71,7 @@ def rows_of(trial: TrialData, paths: Iterable[str]) -> list[list[str]]:
     return rows
 
 
-def named(trial: TrialData, path: str) -> list[str]:
+def signals_of(trial: TrialData, path: str) -> list[str]:
     """Return the signals of a path: one, or all of a block or subsystem. Raises KeyError."""
     within = [name for name in trial.names if path and name.startswith((f"{path}.", f"{path}/"))]
     if not within:
@@ -81,7 +81,7 @@ def named(trial: TrialData, path: str) -> list[str]:
 
 def alone(trial: TrialData, path: str) -> list[str]:
     """Return the scalar paths of a path: the path itself, or all elements of a block or subsystem. Raises KeyError."""
-    signals = named(trial, path)
+    signals = signals_of(trial, path)
     return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
 
 

@@ -140,7 +140,7 @@ def interpolate(kind: str | tuple[float, float], time: np.ndarray, values: np.nd
     before, after = values[left], values[left + 1]
     with np.errstate(invalid="ignore", over="ignore"):
         if kind == "turning":
-            between = turned(before, after, share)
+            between = interpolate_rotation(before, after, share)
         elif isinstance(kind, str):
             between = straight(before, after, share)
         else:
@@ -161,7 +161,7 @@ def gone_round(before: np.ndarray, after: np.ndarray, share: np.ndarray, low: fl
     return np.where(between < low, between + turn, np.where(between > high, between - turn, between))
 
 
-def turned(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
+def interpolate_rotation(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Interpolate between two unit quaternions on the shorter way, at a constant rate. (Shoemake 1985)"""
     cosine = np.sum(before * after, axis=1, keepdims=True)
     after = np.where(cosine < 0.0, -after, after)

@@ -52,9 +52,9 @@ def convert(trial: Trial, kind: str, stem: str, progress: Callable[[float], None
     trial.check()
     module.check(trial, kind)
     extension = EXTENSIONS.get(kind, kind)
-    path = part = reserved(stem, extension)
+    path = part = reserve_path(stem, extension)
     try:
-        part = reserved(f"{path.removesuffix(f'.{extension}')}.part", extension)
+        part = reserve_path(f"{path.removesuffix(f'.{extension}')}.part", extension)
         module.write(trial, part, progress)
         os.replace(part, path)
     except BaseException:
@@ -65,7 +65,7 @@ def convert(trial: Trial, kind: str, stem: str, progress: Callable[[float], None
     return path
 
 
-def reserved(stem: str, extension: str) -> str:
+def reserve_path(stem: str, extension: str) -> str:
     """Create an empty file under an unused path, and return the path."""
     path, descriptor = create(stem, f".{extension}")
     os.close(descriptor)

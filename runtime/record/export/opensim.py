@@ -67,7 +67,7 @@ def read_names(path: Path) -> dict[str, str]:
     return content
 
 
-def named(trial: Trial, names: dict[str, str], path: Path) -> Trial:
+def rename_signals(trial: Trial, names: dict[str, str], path: Path) -> Trial:
     """Return a Trial whose signals have the names of coordinates. names : from `read_names(path)`. Raises BadInput."""
     for signal in names:
         if signal not in trial.signals:
@@ -83,7 +83,7 @@ def named(trial: Trial, names: dict[str, str], path: Path) -> Trial:
     return made
 
 
-def missed(trial: Trial) -> int:
+def count_missing_ticks(trial: Trial) -> int:
     """Return the number of missing ticks between the first and the last."""
     return int(trial.tick[-1] - trial.tick[0]) + 1 - len(trial) if len(trial) else 0
 
@@ -121,10 +121,10 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     path : path of the file, which is overwritten
     progress : called with the fraction that is done
     """
-    if missed(trial) or any(trial.every(name) > 1 for name in trial.signals):
+    if count_missing_ticks(trial) or any(trial.every(name) > 1 for name in trial.signals):
         trial = trial.resample(trial.about["rate"])
     filled = finite(trial, path)
-    paths = [name for name in written(trial, path) if name in filled]
+    paths = [name for name in signals_of_file(trial, path) if name in filled]
     places, rate, done = [2 + trial.places[name] for name in paths], trial.about["rate"], 0
     whole = np.array([trial.signals[name]["dtype"] != "float" for name in paths])
     units = "\t".join(trial.signals[name]["unit"] for name in paths)
@@ -147,7 +147,7 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
             progress(done / max(1, len(trial)))
 
 
-def written(trial: Trial, path: str) -> list[str]:
+def signals_of_file(trial: Trial, path: str) -> list[str]:
     """Return the signals of a file. path : path of the file"""
     return coordinates(trial) if path.endswith(".mot") else list(trial.signals)
 
@@ -159,7 +159,7 @@ def finite(trial: Trial, path: str) -> dict[str, np.ndarray | None]:
     """
     counts = not_numbers(trial, path)
     filled: dict[str, np.ndarray | None] = {}
-    for name in written(trial, path):
+    for name in signals_of_file(trial, path):
         if not counts[name]:
             filled[name] = None
         elif counts[name] < len(trial):
@@ -173,7 +173,7 @@ def finite(trial: Trial, path: str) -> dict[str, np.ndarray | None]:
 
 def not_numbers(trial: Trial, path: str) -> dict[str, int]:
     """Return {signal: number of its samples that are nan or infinite} of a file. path : path of the file"""
-    names = written(trial, path)
+    names = signals_of_file(trial, path)
     counts = np.zeros(len(names), dtype=int)
     places = [trial.places[name] for name in names]
     for group in trial.row_groups(GROUP, places):
@@ -184,8 +184,8 @@ def not_numbers(trial: Trial, path: str) -> dict[str, int]:
 def remarks(trial: Trial, path: str) -> list[str]:
     """Return what differs in a file from the recording, as lines of text. path : path of the file"""
     name, lines = Path(path).name, []
-    if missed(trial):
-        lines.append(f"{name}: {count(missed(trial), 'missed tick')} filled in: OpenSim requires equally spaced times")
+    if missing := count_missing_ticks(trial):
+        lines.append(f"{name}: {count(missing, 'missed tick')} filled in: OpenSim requires equally spaced times")
     for signal, wrong in not_numbers(trial, path).items():
         every = trial.every(signal)
         wrong -= len(trial) - len(trial.time_of(signal)) if every > 1 else 0

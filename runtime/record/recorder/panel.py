@@ -239,7 +239,7 @@ def choices(parameters: Iterable[Any]) -> list[tuple[str, list[Any]]]:
     by_path = {parameter.path: parameter for parameter in parameters}
     together = {
         pattern: [by_path[path] for path in paths]
-        for pattern, paths in patterns.shared(by_path).items()
+        for pattern, paths in patterns.shared_patterns(by_path).items()
         if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= CHANGE_LIMIT
     }
     return [*together.items(), *((parameter.path, [parameter]) for parameter in parameters)]

@@ -16,7 +16,7 @@ from msgspec.structs import asdict
 
 from blocks.sinks import PlotJuggler
 from runtime.record.storage.grouping import by_unit
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.overrides import Settings
 from runtime.robot.loading.signal_selection import select
 
@@ -42,7 +42,7 @@ def columns(
     if not any(isinstance(block, PlotJuggler) for block in diagram):
         with diagram:
             PlotJuggler()
-    schedule = compiled(path, diagram)
+    schedule = compile_diagram(path, diagram)
     sink = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
     signals = [asdict(column) for column in sink.columns]
     return schedule.name, schedule.rate, [signals[place] for place in select(signals, sink.block.signals)], sink.block

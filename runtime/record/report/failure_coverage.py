@@ -29,7 +29,7 @@ def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[di
     movers = [device for device in devices if _moves(device)]
     if not movers:
         return []
-    alone = unstopped(movers, everything)
+    alone = drives_left_commanded(movers, everything)
     last = " and ".join(dict.fromkeys(words for device in movers for words in stops(device, everything)))
     by = last if not alone else f"{nothing_stops(alone)}: no time-out in the drive, no charge pump"
     return [
@@ -57,7 +57,7 @@ def stops(device: Device, everything: Sequence[Device]) -> list[str]:
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
 
-def unstopped(devices: Sequence[Device], everything: Sequence[Device]) -> list[str]:
+def drives_left_commanded(devices: Sequence[Device], everything: Sequence[Device]) -> list[str]:
     """Return the paths of the drives that keep their last command after both processes have ended."""
     return [device.path for device in devices if _moves(device) and not stops(device, everything)]
 
@@ -85,7 +85,7 @@ def in_words(coverage: Sequence[dict[str, bool | str]]) -> tuple[str, str]:
     return texts[True], texts[False]
 
 
-def covered(coverage: Sequence[dict[str, bool | str]], console: Console, margin: str) -> list[str]:
+def coverage_lines(coverage: Sequence[dict[str, bool | str]], console: Console, margin: str) -> list[str]:
     """Return two lines: the failures that a bus covers, and those that it does not."""
     yes, no = in_words(coverage)
     lines = console.hang(f"{margin}covered: ", yes, console.faint) if yes else []

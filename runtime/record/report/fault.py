@@ -129,7 +129,11 @@ def silent(result: RunResult, block: Block | None) -> str:
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
     if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
         timeout += f"; {result.rig.line(block.bus)}"
-    words = fault_context.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
+    words = (
+        fault_context.malformed_frames(result, block)
+        if isinstance(block, Device) and not result.failed_in_plant
+        else ""
+    )
     instead = f"; {words}" if words else ""
     restart = getattr(block, "restart_time", 0.0)
     if not 0.0 < restart < getattr(block, "timeout", 0.0):

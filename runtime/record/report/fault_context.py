@@ -42,7 +42,7 @@ def ticks(result: RunResult, block: Block | None) -> list[str]:
     return ["ticks before the fault:", *aligned(table)]
 
 
-def rejected(result: RunResult, block: Any) -> str:
+def malformed_frames(result: RunResult, block: Any) -> str:
     """Return the malformed frames with a device's ID as text, '' for none."""
     malformed = result.control.reports.malformed.get(block.path)
     return block.malformed_in_words(*malformed) if malformed else ""
@@ -56,7 +56,7 @@ def instead(result: RunResult, block: Any) -> str:
             f"it replies, but its zero was not set: it reads {position:.3f} rad. Keep the joint at rest during arming; "
             "if it was at rest, the drive does not set its zero"
         )
-    return block.unready_in_words() if block.path in result.control.reports.unready else rejected(result, block)
+    return block.unready_in_words() if block.path in result.control.reports.unready else malformed_frames(result, block)
 
 
 def nearby(diagram: Diagram, block: Block | None) -> Iterator[str]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cext.schedule.program import Program
 
 
-def held(file: Path, program: Program, plant: Program | None = None) -> list[dict[str, Any]]:
+def held_exceptions(file: Path, program: Program, plant: Program | None = None) -> list[dict[str, Any]]:
     """Return the held exceptions, one dict for each block that held any.
 
     Keys: block, count, first_tick, last (message of the last exception), at (its line, "file:line").

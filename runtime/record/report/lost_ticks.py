@@ -40,7 +40,7 @@ def before_fault(result: RunResult) -> str:
     stall = stall_before(result, first)
     if stall is not None:
         count_of_stall = round(stall["longest"] * result.schedule.rate)
-        return f"; the loop had lost {count(count_of_stall, 'tick')} before that: {blamed(stall)}"
+        return f"; the loop had lost {count(count_of_stall, 'tick')} before that: {blamed_item(stall)}"
     late = max(row[1] for row in result.newest)
     if late * result.schedule.rate >= LOST_TICKS_MINIMUM:
         return f"; the loop was up to {micro(late)} late before that: {cause(result.overruns, first)}"
@@ -53,10 +53,10 @@ def cause(overruns: list[dict[str, Any]], first: float) -> str:
     overruns : list of runtime.session.result.Result
     """
     recent = [row for row in overruns if row["at_tick"] >= first]
-    return blamed(max(recent, key=lambda row: row["longest"], default=None))
+    return blamed_item(max(recent, key=lambda row: row["longest"], default=None))
 
 
-def blamed(row: dict[str, Any] | None) -> str:
+def blamed_item(row: dict[str, Any] | None) -> str:
     """Return what an overrun row blames: the path of a block, or the machine. row : None where there is none"""
     if row is None or row["name"] == MACHINE:
         return REMEDY

@@ -33,7 +33,7 @@ class RunResult(Protocol):
     newest: list[tuple]
     waited: float
     shared: Any  # cext.memory.shared_state.SharedState; None in virtual time without processes
-    held: Any  # as returned by runtime.record.report.held_exceptions.held
+    held: Any  # as returned by runtime.record.report.held_exceptions.held_exceptions
 
     @property
     def failed_in_plant(self) -> bool:

@@ -12,7 +12,7 @@ from graph import Device
 from runtime.host.console.styles import count
 from runtime.host.errors import FAULT, NOT_RECORDED, OK
 from runtime.record.analysis.average_stride import left_out_text, signals_texts
-from runtime.record.report.failure_coverage import nothing_stops, unstopped
+from runtime.record.report.failure_coverage import drives_left_commanded, nothing_stops
 from runtime.record.report.held_exceptions import text as held_text
 from runtime.record.report.timing import spread, timing
 from runtime.record.storage.changes import stopped_by
@@ -45,7 +45,7 @@ def exit_code(outcome: Outcome, unsaved: str = "") -> int:
     return 128 + outcome.signal if outcome.signal else NOT_RECORDED if unsaved else OK
 
 
-def unsaved(result: RunResult) -> str:
+def unsaved_in_words(result: RunResult) -> str:
     """Return what the recording of a run lacks, as text; "" for a complete one."""
     recording = result.recording
     if result.request.no_record:
@@ -58,7 +58,7 @@ def unsaved(result: RunResult) -> str:
     return "; ".join(lacks)
 
 
-def stopped(outcome: Outcome) -> str | None:
+def stop_reason(outcome: Outcome) -> str | None:
     """Return which signal or key stopped the run, or None."""
     if outcome.stopped:
         return stopped_by(outcome.stopped)
@@ -82,7 +82,7 @@ def summary(result: RunResult) -> list[str]:
         else f"on the rig {result.request.rig}"
     )
     how += ", in virtual time" if result.request.fast else ""
-    lacking = unsaved(result)
+    lacking = unsaved_in_words(result)
     rows = [f"THE RECORDING IS NOT COMPLETE: {lacking}"] * bool(lacking)
     rows += [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
@@ -217,7 +217,7 @@ def _stop_text(outcome: Outcome, schedule: Schedule) -> str:
 def left_over(diagram: Diagram) -> str:
     """Return which drives only the control process and the guardian can stop, as text; "" for none."""
     devices = [block for block in diagram if isinstance(block, Device)]
-    alone = unstopped(devices, devices)
+    alone = drives_left_commanded(devices, devices)
     return f"{nothing_stops(alone)} (control process and guardian): see docs/reference/safe_stop.md" if alone else ""
 
 
@@ -231,7 +231,7 @@ def hints(result: RunResult, program: str) -> list[str]:
     name = f"./{name}" if name.startswith("-") else name  # else it would be an option
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
-    paths = [] if unsaved(result) else [file["path"] for file in result.recording.get("files", [])]
+    paths = [] if unsaved_in_words(result) else [file["path"] for file in result.recording.get("files", [])]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
     log = next((path for path in paths if path.endswith(".mcap")), None)

@@ -241,7 +241,7 @@ class Check:
 
 def gap_text(gap: Gap, rate: float, last: int | None) -> str:
     """Return a Gap as text. Arguments as in Check.text"""
-    bytes_text = joined(f"{begin} to {end - 1}" for begin, end in gap.places)
+    bytes_text = list_places(f"{begin} to {end - 1}" for begin, end in gap.places)
     first = None if gap.before is None else gap.before + 1
     until = last if gap.after is None else gap.after - 1
     if first is None and until is None:
@@ -257,7 +257,7 @@ def gap_text(gap: Gap, rate: float, last: int | None) -> str:
     return f"{bytes_text} are lost, {ticks}"
 
 
-def joined(places: Iterable[str]) -> str:
+def list_places(places: Iterable[str]) -> str:
     """Return places as text, the first of them by name."""
     names: list[Any] = list(places)
     more = len(names) - NAMED_LIMIT

@@ -164,9 +164,9 @@ def summarised(stream: Any, size: int) -> Contents | None:
     chunks = [(chunk.at, chunk.end) for chunk in contents.chunks]
     at = 0
     for begin, end in sorted([*chunks, *((place, place + length) for place, length in contents.attachments)]):
-        contents.damages += unconfirmed(os.pread(stream.fileno(), max(0, begin - at), at), at, copies)
+        contents.damages += unprotected_damages(os.pread(stream.fileno(), max(0, begin - at), at), at, copies)
         at = max(at, end)
-    contents.damages += unconfirmed(os.pread(stream.fileno(), start - at, at), at, copies)
+    contents.damages += unprotected_damages(os.pread(stream.fileno(), start - at, at), at, copies)
     return contents
 
 
@@ -188,7 +188,7 @@ def summary_in(descriptor: int, size: int) -> tuple[int, bytes] | None:
     return start, summary
 
 
-def unconfirmed(data: bytes, at: int, copies: set[bytes]) -> list[str]:
+def unprotected_damages(data: bytes, at: int, copies: set[bytes]) -> list[str]:
     """Return the damages, as in Contents, of records that have no checksum.
 
     data : records between the chunks and attachments of a complete file; its magic bytes and header, if `at` is 0

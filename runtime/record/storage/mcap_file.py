@@ -137,7 +137,7 @@ class McapFile:
         """
         if self.start is None:
             self.begin_chunk(self.file.tell())
-            self.file.write(reserved(self.compression))
+            self.file.write(reserved_record(self.compression))
         self.add(data, index)
         if self.compressor is None:
             self.file.write(data)
@@ -182,7 +182,7 @@ class McapFile:
         if self.start is not None and self.size:
             self.stamps.append((self.size, self.checksum))
             stored = self.file.tell() - self.start - CHUNK_HEADS[self.compression].size
-            head = reserved(self.compression, self.stamps[-1], self.stamps[0], stored)
+            head = reserved_record(self.compression, self.stamps[-1], self.stamps[0], stored)
             os.pwrite(self.file.descriptor, head, self.start)
 
     def end_chunk(self, is_followed: bool = False) -> None:
@@ -192,7 +192,7 @@ class McapFile:
         start = self.start
         if not self.size:
             self.start = None
-            self.file.take_back(reserved(self.compression))
+            self.file.take_back(reserved_record(self.compression))
             return
         if self.compressor is not None:
             self.compress()
@@ -202,7 +202,7 @@ class McapFile:
         self.write_indices()
         following = self.file.tell()
         if is_followed:
-            self.file.write(reserved(self.compression))
+            self.file.write(reserved_record(self.compression))
         self.file.flush()
         os.pwrite(self.file.descriptor, self.complete(end), start)
         if is_followed:
@@ -318,7 +318,7 @@ class McapFile:
         self.file.write(self.magic)
 
 
-def reserved(
+def reserved_record(
     compression: str, newest: tuple[int, int] = (0, 0), older: tuple[int, int] = (0, 0), stored: int = 0
 ) -> bytes:
     """Return the record that reserves space for the head of a chunk.

@@ -76,7 +76,7 @@ class Repair:
             if not claim(descriptor):
                 raise RepairFailed(f"{path} is still being recorded")
             self.size = os.fstat(descriptor).st_size
-            self.whole = finished(self.stream, self.size)
+            self.whole = is_finished(self.stream, self.size)
         except BaseException:
             os.close(descriptor)
             raise
@@ -374,7 +374,7 @@ def torn(stream: Any, at: int, size: int) -> bool:
     return head[0] in KINDS and whole < (RECORD_LIMIT if head[0] == ATTACHMENT else CHUNK) and at + whole > size
 
 
-def finished(stream: Any, size: int) -> bool:
+def is_finished(stream: Any, size: int) -> bool:
     """Return whether a file is complete: its summary is valid, and every chunk in it has its head."""
     end = HEAD.size + FOOTER_REST.size + len(MAGIC)
     if size < end:

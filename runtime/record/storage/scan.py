@@ -23,7 +23,7 @@ from runtime.record.storage.chunks import (
     walked,
 )
 from runtime.record.storage.chunks import STREAM as STREAM_OF_ZSTD
-from runtime.record.storage.contents import OWN_HEADER, Contents, summary_in, unconfirmed
+from runtime.record.storage.contents import OWN_HEADER, Contents, summary_in, unprotected_damages
 from runtime.record.storage.json_text import DEPTH_LIMIT, TooDeep
 from runtime.record.storage.mcap_file import (
     CHUNK_HEAD,
@@ -113,7 +113,7 @@ class Scan:
         begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
         at = len(MAGIC) if sum(byte == right for byte, right in begin) >= MAGIC_MATCHES else 0
         first = at + self.length_of_header() if at else 0
-        if unconfirmed(self.bytes_at(0, first), 0, {OWN_HEADER}):
+        if unprotected_damages(self.bytes_at(0, first), 0, {OWN_HEADER}):
             self.contents.damages.append(f"is damaged in its first {first} bytes")
         known = at  # end of what is certain: a wrong length leads from a record to a wrong place
         while at and not self.contents.finished:

@@ -35,7 +35,7 @@ class NetworkSender(threading.Thread):
         self, transport: str, address: str, message_bytes: int, sender: str = "", key: bytes | None = None
     ) -> None:
         super().__init__(daemon=True)
-        host, port = split(address)
+        host, port = split_address(address)
         self.message_bytes, self.clients, self.target = message_bytes, [], None
         self.signer = None if key is None else Signer(key)
         self.description = f"{transport} {address}"
@@ -44,7 +44,7 @@ class NetworkSender(threading.Thread):
                 self.target = (THIS_MACHINE.get(host, host), port)
                 self.socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
                 if sender:
-                    self.socket.bind(split(sender))
+                    self.socket.bind(split_address(sender))
             else:
                 self.socket = socket.create_server((host, port))
                 self.socket.setblocking(False)
@@ -94,7 +94,7 @@ class NetworkSender(threading.Thread):
             end.close()
 
 
-def split(address: str) -> tuple[str, int]:
+def split_address(address: str) -> tuple[str, int]:
     """Return (host, port) of HOST:PORT or [HOST]:PORT."""
     host, _, port = address.rpartition(":")
     return host.strip("[]"), int(port)

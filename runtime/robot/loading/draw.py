@@ -11,7 +11,7 @@ from runtime.host.console.styles import count, place
 from runtime.host.console.terminal import program
 from runtime.host.errors import BadInput
 from runtime.host.replaced_file import write
-from runtime.robot.loading.file import blamed, load
+from runtime.robot.loading.file import call_code_of_blocks, load
 
 if TYPE_CHECKING:
     from runtime.robot.loading.overrides import Settings
@@ -42,7 +42,7 @@ def draw_file(
     if rate is not None:
         diagram.rate = rate
     form, target = choose(form, output, diagram.name)
-    drawing = blamed(path, lambda: draw(diagram, all_ports=all_ports, place=place))
+    drawing = call_code_of_blocks(path, lambda: draw(diagram, all_ports=all_ports, place=place))
     wrong = sum(len(box.wrong) for box in drawing.boxes)
     remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} lists them"] if wrong else []
     text = {"svg": svg, "png": svg, "mermaid": mermaid, "html": page}[form](drawing)

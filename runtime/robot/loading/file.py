@@ -153,20 +153,20 @@ def without_diagram(file: DiagramFile) -> str:
     return "write `with Diagram(...) as diagram:`, or a function `build()` that returns a Diagram"
 
 
-def compiled(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
+def compile_diagram(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
     """Compile a diagram, select its recorded signals and reset its Python blocks once. Returns its Schedule.
 
     path : diagram file named in messages
 
     Raises DiagramError, and BadInput for an exception in user code.
     """
-    schedule = select_recorded(blamed(path, compile, diagram))
+    schedule = select_recorded(call_code_of_blocks(path, compile, diagram))
     for block in schedule.python_blocks:
-        blamed(path, block.reset)
+        call_code_of_blocks(path, block.reset)
     return schedule
 
 
-def blamed(path: str | os.PathLike[str], function: Callable[..., T], *arguments: Any) -> T:
+def call_code_of_blocks(path: str | os.PathLike[str], function: Callable[..., T], *arguments: Any) -> T:
     """Call a function that calls user code of blocks; an exception there becomes BadInput with its line.
 
     path : path of the diagram file
@@ -232,7 +232,7 @@ def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | No
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
-    guarded(path, inside_diagrams(location, source.exec_module), module)
+    call_user_code(path, inside_diagrams(location, source.exec_module), module)
     return module, source.sha256
 
 
@@ -253,7 +253,7 @@ def call(file: DiagramFile, function: Callable[..., T], /, *arguments: Any, **na
             else "declare it as plant(robot)"
         )
         raise BadInput(f"{place_of(function)}: {function.__name__}() cannot be called: {error}; {hint}") from None
-    return guarded(file.path, inside_diagrams(os.path.abspath(file.path), function), *arguments, **named)
+    return call_user_code(file.path, inside_diagrams(os.path.abspath(file.path), function), *arguments, **named)
 
 
 def inside_diagrams(path: str, function: Callable[..., T]) -> Callable[..., T]:
@@ -261,7 +261,7 @@ def inside_diagrams(path: str, function: Callable[..., T]) -> Callable[..., T]:
     return no_block_outside(path)(function)
 
 
-def guarded(path: str | os.PathLike[str], function: Callable[..., T], /, *arguments: Any, **named: Any) -> T:
+def call_user_code(path: str | os.PathLike[str], function: Callable[..., T], /, *arguments: Any, **named: Any) -> T:
     """Call user code; any exception becomes BadInput with the line in user code."""
     try:
         return function(*arguments, **named)

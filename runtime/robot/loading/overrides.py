@@ -117,7 +117,7 @@ def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Repl
             try:
                 put_value(block, parameter, value, "--set")
             except DiagramError as error:
-                raise refused(setting, error.diagnostics[0]) from None
+                raise setting_error(setting, error.diagnostics[0]) from None
             given.setdefault(block, []).append(setting)
             if before is not None:
                 before.append((block, parameter, earlier))
@@ -125,7 +125,7 @@ def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Repl
         try:
             block.reconfigure()
         except DiagramError as error:
-            raise refused(", ".join(texts), error.diagnostics[0], other_family(texts)) from None
+            raise setting_error(", ".join(texts), error.diagnostics[0], other_family(texts)) from None
 
 
 def places_of(diagram: Diagram, name: str, value: Any) -> list[tuple[Block, str]]:
@@ -149,7 +149,7 @@ def places(diagram: Iterable[Block]) -> dict[str, tuple[Block, str]]:
     return {f"{block.path}.{name}": (block, name) for block in diagram for name in block.parameters}
 
 
-def refused(setting: str, problem: Diagnostic, remedy: str = "") -> BadInput:
+def setting_error(setting: str, problem: Diagnostic, remedy: str = "") -> BadInput:
     """Return the error of a setting that a block does not accept. remedy : if the problem has no hint"""
     hint = f"; {problem.hint or remedy}" if problem.hint or remedy else ""
     path = f"{problem.path} " if problem.message.startswith("has no") else ""
@@ -167,13 +167,13 @@ def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
     return replaced
 
 
-def derived(seed: int, path: str) -> int:
+def derive_seed(seed: int, path: str) -> int:
     """Return the first 53 bits of the SHA-256 of "SEED:PATH" as an integer."""
     return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
 
 
 def _seed_of(block: Block, seed: int) -> int:
-    number, bounds = derived(seed, block.path), block.parameters["seed"]
+    number, bounds = derive_seed(seed, block.path), block.parameters["seed"]
     lowest, highest = bounds.min or 0, bounds.max
     return number if highest is None or number <= highest else int(lowest + number % (highest - lowest + 1))
 

@@ -13,7 +13,7 @@ from cext.bus.timed_bus import TimedBus
 from cext.schedule.program import Program
 from graph import Actuator, Device, Diagram, subsystem
 from runtime.host.errors import BadInput
-from runtime.robot.loading.file import build_plant, compiled
+from runtime.robot.loading.file import build_plant, compile_diagram
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.recorded_signals import recorded_of_plant
 
@@ -90,7 +90,7 @@ def plant_of(
     if diagram is None:
         return None, None, []
     replaced = [] if seed is None else set_seeds(diagram, seed)
-    return diagram, compiled(given.path if given else robot.name, diagram), replaced
+    return diagram, compile_diagram(given.path if given else robot.name, diagram), replaced
 
 
 def substeps(robot: Diagram, plant: Diagram) -> int:

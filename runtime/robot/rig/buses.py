@@ -25,7 +25,7 @@ from runtime.robot.rig.interface import Interface
 from runtime.robot.rig.interface_checks import WIRING, again, take_up
 from runtime.robot.rig.serial_port import look_at_port
 from runtime.robot.rig.streams import StreamLines
-from runtime.robot.rig.udp import UdpInterface, failed
+from runtime.robot.rig.udp import UdpInterface, failure_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -388,7 +388,7 @@ class RigBuses:
             reason = (self.report or {}).get("troubles", {}).get(name) or "it accepts no frames"
             return f"{bus.interface} {bus.channel}: {reason}", "check that the adapter is plugged in and powered"
         if bus.interface == UDP:
-            return failed(self.buses[name].can.trouble, bus)
+            return failure_in_words(self.buses[name].can.trouble, bus)
         return in_words(
             self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual
         )

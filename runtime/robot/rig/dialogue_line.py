@@ -89,7 +89,7 @@ def _candidates(own):
     if os.environ.get(PORTS):
         return sorted(path for pattern in os.environ[PORTS].split(os.pathsep) for path in glob.glob(pattern))
     vendors = (*own, *ADAPTERS)
-    known = [port for port in ports.listed() if port.vid in vendors]
+    known = [port for port in ports.list_ports() if port.vid in vendors]
     return [port.device for port in sorted(known, key=lambda port: vendors.index(port.vid))]
 
 

@@ -30,10 +30,10 @@ CONSUMER = "tickwork"
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
-    return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
+    return one_by_one(devices, lambda device: open_line(device.path, **device.opening()))
 
 
-def opened(
+def open_line(
     path: str, chip: str, pin: str, active_low: bool, output: bool, bias: str = "as_is", debounce: float = 0.0
 ) -> Opened:
     """Request a GPIO line. Raises Refused.

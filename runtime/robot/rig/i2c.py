@@ -269,7 +269,7 @@ def open_adapter(bus: RigBus) -> tuple[Chips, I2cAdapter]:
         return open_emulated(name, bus.channel.removeprefix(EMULATED))
     try:
         if not stat.S_ISCHR(os.stat(bus.channel).st_mode):
-            raise Refused(RigProblem("TW131", f"{name} is not an I2C bus", known()))
+            raise Refused(RigProblem("TW131", f"{name} is not an I2C bus", hint_of_buses()))
         from smbus2 import SMBus
 
         wires = SMBus(bus.channel)
@@ -288,7 +288,7 @@ def open_adapter(bus: RigBus) -> tuple[Chips, I2cAdapter]:
         return Chips(wires), LinuxAdapter(wires.fd)
     except OSError as error:
         wires.close()
-        raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", known())) from None
+        raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", hint_of_buses())) from None
 
 
 def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
@@ -313,13 +313,13 @@ def in_words(name: str, path: str, error: OSError) -> RigProblem:
     if error.errno in (errno.EACCES, errno.EPERM):
         return RigProblem("TW132", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return RigProblem("TW131", f"{name}: no such bus", known())
+        return RigProblem("TW131", f"{name}: no such bus", hint_of_buses())
     if error.errno == errno.ENOTTY:
-        return RigProblem("TW131", f"{name} is not an I2C bus", known())
+        return RigProblem("TW131", f"{name} is not an I2C bus", hint_of_buses())
     return RigProblem("TW119", f"{name}: {error.strerror}", "see: ls -l /dev/i2c-*")
 
 
-def known(folder: str = "/dev") -> str:
+def hint_of_buses(folder: str = "/dev") -> str:
     """Return a hint that lists the I2C buses of this machine. folder : folder of the device files"""
     there = paths(folder)
     return (f"there is {', '.join(there)}; " if there else "no I2C bus is enabled; ") + ENABLE

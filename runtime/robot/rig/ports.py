@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BY_ID = Path("/dev/serial/by-id")
 
 
-def listed() -> list[ListPortInfo]:
+def list_ports() -> list[ListPortInfo]:
     """Return pyserial's ListPortInfo of every port with a device."""
     from serial.tools.list_ports import comports
 
@@ -39,7 +39,7 @@ def by_id(path: str | Path, folder: Path = BY_ID) -> str:
 
 def with_serial(device_path: str, digits: str) -> str:
     """Return the path of the port whose USB serial number ends with `digits`. Raises Refused."""
-    known = listed()
+    known = list_ports()
     matches = [port for port in known if digits and (port.serial_number or "").endswith(digits)]
     if len(matches) == 1:
         return matches[0].device
@@ -129,7 +129,7 @@ def locker(path: str | Path) -> str:
 
 def _ports_text(path):
     """Return a hint that lists the ports of this machine, with the best match first."""
-    known = [port.device for port in listed()]
+    known = [port.device for port in list_ports()]
     near = suggestion(str(path), known)
     return (f"{near} " if near else "") + (
         f"there are {', '.join(known)}" if known else "no serial port found: check that it is plugged in"

@@ -30,10 +30,10 @@ SETUP_PAUSE = 0.02  # s between messages of the set-up
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
-    return one_by_one(devices, lambda device: opened(device, device.opening()))
+    return one_by_one(devices, lambda device: open_line(device, device.opening()))
 
 
-def opened(device: StreamDevice, options: Mapping[str, Any]) -> Opened:
+def open_line(device: StreamDevice, options: Mapping[str, Any]) -> Opened:
     """Open the port of a device and send its set-up. options : options as returned by `opening`. Raises Refused."""
     path = options.get("port") or ports.with_serial(device.path, options.get("serial", ""))
     port = ports.open_port(device.path, path, options.get("baudrate", BAUDRATE))

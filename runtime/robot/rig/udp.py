@@ -152,7 +152,7 @@ def _open_problem(bus, local, error):
     return RigProblem("TW119", f"[bus.{bus.name}] udp {bus.channel}: {error.strerror}", "see: ip address; ss -ulnp")
 
 
-def failed(error: int | str | None, bus: RigBus) -> tuple[str, str]:
+def failure_in_words(error: int | str | None, bus: RigBus) -> tuple[str, str]:
     """Return (why a bus failed in a run, remedy). error : errno"""
     if error == errno.ECONNREFUSED:
         return f"no program receives at {bus.peer}", "check its power and its program"

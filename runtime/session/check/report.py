@@ -21,7 +21,7 @@ from runtime.host.console.styles import place
 from runtime.host.errors import BadInput
 from runtime.record.report.failure_coverage import coverage
 from runtime.record.report.preflight.table import stop_of
-from runtime.robot.loading.file import blamed, load
+from runtime.robot.loading.file import call_code_of_blocks, load
 from runtime.robot.loading.recorded_signals import select_recorded
 from runtime.robot.loading.simulation import Simulation
 from runtime.robot.rig.battery import require_supply
@@ -122,9 +122,9 @@ def check(
         require_supply(rig_file.battery, diagram, rig_file.path)
     if rate is not None:
         diagram.rate = rate
-    analysis = blamed(path, examine, diagram)
+    analysis = call_code_of_blocks(path, examine, diagram)
     errors, plant, budget, overloads = list(analysis.errors), None, None, []
-    schedule = None if errors else select_recorded(blamed(path, assemble, analysis))
+    schedule = None if errors else select_recorded(call_code_of_blocks(path, assemble, analysis))
     if schedule is not None:
         if rig_file is not None:
             Poses(diagram, schedule)  # a run rejects the same references and known poses

@@ -10,7 +10,7 @@ from typing import Any
 
 from graph.drawing.cards import unit_text
 from runtime.host.console.styles import Console, console_for, count
-from runtime.record.report.failure_coverage import covered
+from runtime.record.report.failure_coverage import coverage_lines
 from runtime.session.check.battery import battery_lines
 
 WIDTH = 110  # columns in a notebook
@@ -286,7 +286,7 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
             lines += console.hang(
                 f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]) + (f": {kind}" if kind else "")
             )
-            lines += covered(bus["coverage"], console, " " * (width + 4))
+            lines += coverage_lines(bus["coverage"], console, " " * (width + 4))
             continue
         style = console.ok if bus["worst"] <= 0.7 else console.warn
         filled = min(BAR, round(BAR * bus["worst"]))
@@ -296,7 +296,7 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
             f"  {bus['bus']:<{width}}  {style('█' * filled)}{console.faint('░' * (BAR - filled))}  ", load
         )
         lines += console.hang(f"  {'':<{width}}  ", ", ".join(bus["devices"]), console.faint)
-        lines += covered(bus["coverage"], console, " " * (width + 4))
+        lines += coverage_lines(bus["coverage"], console, " " * (width + 4))
     return lines
 
 

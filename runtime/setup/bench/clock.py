@@ -159,7 +159,7 @@ def measure(
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         if load:
-            stack.enter_context(loaded())
+            stack.enter_context(busy_processors())
         if busy_thread:
             stack.enter_context(busy())
         for _ in rounds("measuring", repeats):
@@ -170,7 +170,7 @@ def measure(
 
 
 @contextmanager
-def loaded() -> Iterator[None]:
+def busy_processors() -> Iterator[None]:
     """Context manager in which other processes keep every processor busy."""
     busy = [sys.executable, "-c", "while True: pass"]
     children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count() or 1)]

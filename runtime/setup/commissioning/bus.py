@@ -255,7 +255,7 @@ def single_bus(options: Namespace) -> RigBus:
 
 def i2c_bus(options: Namespace) -> RigBus:
     """Return the one I2C RigBus that the options select or this machine has. Raises BadInput otherwise."""
-    from runtime.robot.rig.i2c import known, paths
+    from runtime.robot.rig.i2c import hint_of_buses, paths
 
     if options.rig is None:
         options.interface = options.interface or I2C
@@ -263,7 +263,7 @@ def i2c_bus(options: Namespace) -> RigBus:
         if options.channel is None and len(channels) == 1:
             options.channel = channels[0]
         if options.channel is None:
-            raise BadInput(f"no I2C bus selected: add, for example, --channel /dev/i2c-1; {known()}")
+            raise BadInput(f"no I2C bus selected: add, for example, --channel /dev/i2c-1; {hint_of_buses()}")
     buses = [bus for bus in named_buses(options) if bus.interface == I2C]
     if len(buses) != 1:
         raise BadInput(
@@ -274,7 +274,7 @@ def i2c_bus(options: Namespace) -> RigBus:
     return buses[0]
 
 
-def opened(bus: RigBus) -> ToolBus:
+def open_bus(bus: RigBus) -> ToolBus:
     """Open a ToolBus. Raises BadInput with the cause and the remedy."""
     try:
         return ToolBus(bus)

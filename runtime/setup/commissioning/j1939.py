@@ -77,7 +77,7 @@ def parts(identifier: int, extended: bool) -> tuple[int, int] | None:
     return (pgn & 0x3FF00 if (pgn >> 8 & 0xFF) < 240 else pgn), identifier & 0xFF
 
 
-def measured(identifier: int, extended: bool, data: bytes = b"") -> str | None:
+def quantity_of(identifier: int, extended: bool, data: bytes = b"") -> str | None:
     """Return the quantity measured by a frame of a known kind of node, or None for another frame."""
     pgn, _ = parts(identifier, extended) or (None, None)
     return next((kind.groups[pgn] for kind in _kinds() if pgn in kind.groups), None)
@@ -90,7 +90,7 @@ def broadcasts(frames: Iterable[tuple[int, bool, bytes]], seconds: float) -> dic
     """
     nodes = {}
     for frame in frames:
-        what, address = measured(*frame), frame[0] & 0xFF
+        what, address = quantity_of(*frame), frame[0] & 0xFF
         if what is not None and address >= LOWEST_ADDRESS:
             sends = nodes.setdefault(address, Node(address)).sends
             sends[what] = sends.get(what, 0.0) + 1.0 / seconds

@@ -81,7 +81,7 @@ def serial_ports(known: set[str]) -> list[Port]:
             " ".join(word for word in (port.manufacturer, port.product) if word),
             port.serial_number or "",
         )
-        for port in ports.listed()
+        for port in ports.list_ports()
         if port.device not in known
     ]
 

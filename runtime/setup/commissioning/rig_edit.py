@@ -15,7 +15,7 @@ from runtime.setup.commissioning.bus import plain, quoted
 HEADER = re.compile(r"^\s*\[")
 
 
-def changed(path: str | Path, text: str, device: str, values: Mapping[str, Any]) -> str:
+def change_device(path: str | Path, text: str, device: str, values: Mapping[str, Any]) -> str:
     """Return the text of a rig file with new values for a device.
 
     path : rig file named in messages

@@ -69,7 +69,7 @@ def scan(bus: ToolBus, ids: Sequence[int], listen: float) -> Report:
     report = Report(about.name, about.interface, about.channel, about.bitrate, remarks=list(bus.remarks))
     before = bus.listen(listen)
     nodes = j1939.broadcasts(before, listen)
-    report.commanded = commanded(before, ids)
+    report.commanded = foreign_drive_ids(before, ids)
     if report.commanded:
         for family in families():
             report.drives += family.reports(before).values()
@@ -79,7 +79,7 @@ def scan(bus: ToolBus, ids: Sequence[int], listen: float) -> Report:
         )
     else:
         _ask_nodes(bus, nodes)
-        for shared in merged(query for family in families() for query in family.queries):
+        for shared in merge_queries(query for family in families() for query in family.queries):
             report.drives += ask_drives(bus, ids, shared, before)
     report.drives.sort(key=lambda drive: drive.can_id)
     report.nodes = [nodes[address] for address in sorted(nodes)]
@@ -90,16 +90,16 @@ def scan(bus: ToolBus, ids: Sequence[int], listen: float) -> Report:
     return report
 
 
-def commanded(frames: Iterable[tuple[int, bool, bytes]], ids: Container[int]) -> list[int]:
+def foreign_drive_ids(frames: Iterable[tuple[int, bool, bytes]], ids: Container[int]) -> list[int]:
     """Return the ids of drives that another controller sends commands to."""
-    frames = [frame for frame in frames if j1939.measured(*frame) is None]
+    frames = [frame for frame in frames if j1939.quantity_of(*frame) is None]
     commanded_ids = {family.commanded(*frame) for frame in frames for family in families()}
     return sorted(can_id for can_id in commanded_ids if can_id is not None and can_id in ids)
 
 
 def refuse_company(bus: ToolBus) -> None:
     """Raise BadInput if another controller commands drives on a bus."""
-    others = commanded(bus.listen(LISTEN_TIME), range(1, 256))
+    others = foreign_drive_ids(bus.listen(LISTEN_TIME), range(1, 256))
     if others:
         raise BadInput(
             f"another controller commands id {', '.join(map(str, others))} on this bus. Nothing was sent, "
@@ -116,7 +116,7 @@ def _ask_nodes(bus: ToolBus, nodes: dict[int, j1939.Node]) -> None:
         j1939.learn(nodes, bus.listen(SETTLE_TIME))
 
 
-def merged(queries: Iterable[Query]) -> list[list[Query]]:
+def merge_queries(queries: Iterable[Query]) -> list[list[Query]]:
     """Return queries grouped by the frame they send, in the order of the last query of each group."""
     shared = {}
     for query in queries:

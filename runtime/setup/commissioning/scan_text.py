@@ -42,7 +42,7 @@ def text(report: Report, verbose: bool = False) -> list[str]:
     ]
     if report.others:
         lines.append(f"  also received: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
-    return lines + sent(report, verbose)
+    return lines + lines_of_frames(report, verbose)
 
 
 def _chips(report: Report) -> list[str]:
@@ -76,7 +76,7 @@ def _fault(drive: Answer) -> str:
     return "faults not reported" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
 
 
-def sent(report: Report, verbose: bool) -> list[str]:
+def lines_of_frames(report: Report, verbose: bool) -> list[str]:
     """Return lines about the frames sent: one line per reason, or one per frame if verbose."""
     if not report.sent:
         return ["  sent: nothing"]

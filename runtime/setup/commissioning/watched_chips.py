@@ -53,7 +53,7 @@ class WatchedChips(WatchedBlocks):
         with ExitStack() as undo:
             try:
                 undo.callback(BusLock(bus.interface, bus.channel).close)
-                sensors = recognised(bus, places)
+                sensors = recognise_all(bus, places)
                 with Diagram("stream", rate=rate) as diagram:
                     for kind, place in sensors:
                         _block(kind, place, bus.name, parameters_of(kind, sensors, channels, rate))
@@ -117,7 +117,7 @@ class WatchedChips(WatchedBlocks):
         self.undo.close()
 
 
-def recognised(bus: RigBus, places: Sequence[tuple[int, int, int]]) -> list[tuple[Any, tuple[int, int, int]]]:
+def recognise_all(bus: RigBus, places: Sequence[tuple[int, int, int]]) -> list[tuple[Any, tuple[int, int, int]]]:
     """Return [(class of the block, (mux, channel, address))]. Raises BadInput or Refused.
 
     places : places of the chips; empty for every known chip on the bus

@@ -11,7 +11,7 @@ from runtime.setup.bench.report import Report, machine, machine_lines, row, spre
 from tests.bench.parsing import parser_of
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the tables. Returns the Report."""
     parser = parser_of("can", "Measure the cost of eight drives per tick, and the replies lost from motors at 1000 Hz.")
     parser.add_argument(

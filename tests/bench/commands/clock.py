@@ -11,7 +11,7 @@ from runtime.setup.bench.report import Report
 from tests.bench import c_clock, costs, recorder_cost
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure as `runtime bench clock`, beside a loop in C, then the costs of parts of a tick. Returns the Report."""
     parser = clock.parser()
     parser.prog = "python -m tests.bench clock"

@@ -13,7 +13,7 @@ from runtime.setup.bench.report import Report, machine, machine_lines, spread
 from tests.bench.parsing import parser_of
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the tables. Returns the Report."""
     parser = parser_of(
         "deaths",

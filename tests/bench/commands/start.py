@@ -14,7 +14,7 @@ from tests.bench.parsing import parser_of
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the table. Returns the Report."""
     parser = parser_of("start", "Measure the time from the start of a process to its first tick, and its memory.")
     parser.add_argument("file", type=Path, nargs="?", default=KNEE_EXO, help="a diagram file (default: knee_exo.py)")

@@ -8,7 +8,7 @@ from runtime.setup.bench.report import Report, machine, machine_lines
 from tests.bench.parsing import parser_of
 
 
-def measured(arguments: Sequence[str]) -> Report:
+def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the tables. Returns the Report."""
     parser = parser_of("views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
     add_options(parser, seconds=5.0, repeats=6, realtime=True)

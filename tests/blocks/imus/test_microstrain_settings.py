@@ -155,9 +155,12 @@ ANGLES = [(0.3, -0.4, 2.0), (3.0, 1.2, -2.5), (0.0, 0.5 * math.pi, 0.7), (0.0, -
 
 @pytest.mark.parametrize("angles", ANGLES)
 def test_stored_angles_are_those_of_the_inverse_rotation(angles):
-    inverse = mounting.stored(angles, False)
+    inverse = mounting.stored_angles(angles, False)
     np.testing.assert_allclose(np.array(mounting.matrix(inverse)), np.array(mounting.matrix(angles)).T, atol=1e-12)
-    assert mounting.between(mounting.stored(inverse, False), angles) < 1e-7 and mounting.stored(angles, True) == angles
+    assert (
+        mounting.between(mounting.stored_angles(inverse, False), angles) < 1e-7
+        and mounting.stored_angles(angles, True) == angles
+    )
 
 
 @pytest.mark.parametrize("model", [GX5, CV7])

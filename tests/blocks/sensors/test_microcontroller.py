@@ -21,7 +21,7 @@ from blocks.sensors import EmulatedMicrocontroller, Microcontroller
 from blocks.sensors.fields import SIZES
 from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
-from runtime.robot.rig.serial_line import opened
+from runtime.robot.rig.serial_line import open_line
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import player, run
 from tests.runtime.runs import ROOT
@@ -327,7 +327,7 @@ def test_a_microcontroller_is_read_over_a_pty_opened_by_pyserial(tmp_path):
     """As on a rig: its port is opened and started, and the native thread reads it."""
     master, slave = os.openpty()
     block = robot(port=os.ttyname(slave), start="go\n")["teensy"]
-    line = opened(block, block.opening())
+    line = open_line(block, block.opening())
     assert os.read(master, 10) == b"go\n"
     streams = Streams()
     stream = streams.add(line.fd, "teensy", path=line.path, setup=line.setup)

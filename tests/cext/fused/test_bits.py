@@ -48,7 +48,7 @@ def after_ticks(code, arena):
 
 
 def test_a_stencil_computes_what_its_kernel_computes():
-    found, reason = library.opened()
+    found, reason = library.open_library()
     if found is None:
         pytest.skip(reason)
     random, tried = np.random.default_rng(1), 0

@@ -41,7 +41,7 @@ TICKS = (1, 2, 3, 257, 2000)
 @pytest.fixture
 def fused():
     """The library for this processor."""
-    found, reason = library.opened()
+    found, reason = library.open_library()
     if found is None:
         pytest.skip(reason)
     return found
@@ -51,7 +51,7 @@ def both(schedule, monkeypatch):
     """Return (program, executor) of a schedule twice: fused, and with calls."""
     one = Program(schedule)
     with monkeypatch.context() as patch:
-        patch.setattr(library, "opened", lambda: (None, ""))
+        patch.setattr(library, "open_library", lambda: (None, ""))
         other = Program(schedule)
     assert other.fused == 0
     return (one, Executor(one, RATE)), (other, Executor(other, RATE))
@@ -226,7 +226,7 @@ def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monke
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):
-    opened = library.opened.__wrapped__  # without its cache
+    opened = library.open_library.__wrapped__  # without its cache
     monkeypatch.delenv("TICKWORK_FUSED", raising=False)
     found, reason = opened()
     assert found is not None and found.target == library.TARGET and reason == ""
@@ -267,7 +267,7 @@ def test_a_damaged_or_foreign_file_of_stencils_is_not_used(fused, monkeypatch, t
     damaged.write_bytes(change(library.FILE.read_bytes()))
     monkeypatch.setattr(library, "FILE", damaged)
     reason = "is of another version" if change is of_another_version else "is damaged"
-    found = library.opened.__wrapped__()
+    found = library.open_library.__wrapped__()
     assert found[0] is None and f"{damaged.name} {reason}" in found[1]
 
 
@@ -279,7 +279,7 @@ def test_programs_run_without_executable_memory():
         "from cext.fused import library\nfrom cext.schedule.program import Program\n"
         "with Diagram('d', 100.0) as diagram:\n    Constant(1.0)()\n"
         "program = Program(compile(diagram))\n"
-        "assert program.fused == 0 and 'executable memory' in library.opened()[1]\n"
+        "assert program.fused == 0 and 'executable memory' in library.open_library()[1]\n"
     )
     environment = {name: value for name, value in os.environ.items() if name != "TICKWORK_FUSED"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)

@@ -26,7 +26,7 @@ def machine_code(request):
         return
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TICKWORK_FUSED", "0")
-        patch.setattr(library, "opened", lambda: (None, "TICKWORK_FUSED=0 in the environment"))
+        patch.setattr(library, "open_library", lambda: (None, "TICKWORK_FUSED=0 in the environment"))
         yield
 
 

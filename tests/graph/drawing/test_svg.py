@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ElementTree
 
 from graph.drawing import draw, svg
 from graph.drawing.style import FAMILIES, fit, text_width
-from graph.drawing.svg import branches, rest, shared, way
+from graph.drawing.svg import branches, common_length, rest, way
 from tests.graph.drawing.diagrams import leg, nested, wrong
 
 SPACE = "{http://www.w3.org/2000/svg}"
@@ -97,8 +97,11 @@ def test_corners_are_rounded_except_at_junctions():
 
 def test_a_shared_segment_of_two_lines_is_drawn_once():
     one, other = ((0, 0), (50, 0), (50, 40), (90, 40)), ((0, 0), (50, 0), (50, 80), (90, 80))
-    assert shared(one, other) == 90 and rest(other, 90) == [(50, 40), (50, 80), (90, 80)]
-    assert shared(one, ((0, 0), (90, 0))) == 50 and shared(one, ((0, 0), (50, 0), (50, -40), (90, -40))) == 50
+    assert common_length(one, other) == 90 and rest(other, 90) == [(50, 40), (50, 80), (90, 80)]
+    assert (
+        common_length(one, ((0, 0), (90, 0))) == 50
+        and common_length(one, ((0, 0), (50, 0), (50, -40), (90, -40))) == 50
+    )
     drawing = draw(nested())
     lines = [line for line in drawing.lines if line.signal == "supervisor/gain.y" and line.subsystem == ""]
     assert len(lines) == 2 and branches(lines)[0] == 0.0 and branches(lines)[1] > 0.0

@@ -246,9 +246,9 @@ def test_rates_conditions_and_holds_of_the_gil_are_reported(tmp_path):
 def test_the_steps_in_machine_code_are_counted_and_the_others_have_a_reason(exo, monkeypatch):
     native = [step for phase in ("output", "update") for step in exo["schedule"][phase] if step["native"]]
     count = sum(step["fused"] for step in native)
-    assert {step["obstacle"] for step in native} == {library.opened()[1]} and count in (0, len(native))
+    assert {step["obstacle"] for step in native} == {library.open_library()[1]} and count in (0, len(native))
     assert f"  fused    {count} of {len(native)} native steps" in columns(exo)
-    monkeypatch.setattr(library, "opened", lambda: (None, "TICKWORK_FUSED=0 in the environment"))
+    monkeypatch.setattr(library, "open_library", lambda: (None, "TICKWORK_FUSED=0 in the environment"))
     lines = columns(check(KNEE_EXO))
     reason = lines[lines.index(f"  fused    0 of {len(native)} native steps") + 1]
     assert reason == "           TICKWORK_FUSED=0 in the environment"

@@ -22,7 +22,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Output
 from runtime.host.errors import OK, BadInput
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO, knee
 
@@ -405,7 +405,7 @@ def test_a_minute_of_the_knee_exoskeleton_takes_little_more_than_its_ticks():
     shares = []
     runtime.run(KNEE_EXO, 60)
     file, robot = load(KNEE_EXO)
-    schedule = compiled(file.path, robot)
+    schedule = compile_diagram(file.path, robot)
     for _ in range(5):
         plant = Simulation(file, robot, schedule)
         bare = Executor(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import ARM_HOLD
 from runtime.host.console.styles import count
-from runtime.record.report.failure_coverage import covered
+from runtime.record.report.failure_coverage import coverage_lines
 
 if TYPE_CHECKING:
     from runtime.host.console.styles import Console
@@ -107,5 +107,5 @@ def _buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
         lines += console.hang(
             f"  bus {bus['bus']}  ", f"{bus['interface'] or 'simulated'} {bus['channel'] or ''}".rstrip() + load
         )
-        lines += covered(bus["coverage"], console, "    ")
+        lines += coverage_lines(bus["coverage"], console, "    ")
     return lines

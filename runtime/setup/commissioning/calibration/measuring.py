@@ -19,7 +19,7 @@ from graph import Device, Diagram, subsystem
 from runtime.host.ending import uninterrupted
 from runtime.host.errors import BadInput
 from runtime.record.storage.format import row_struct
-from runtime.robot.loading.file import compiled
+from runtime.robot.loading.file import compile_diagram
 from runtime.robot.loading.simulation import Simulation
 from runtime.robot.rig.buses import RigBuses
 
@@ -90,7 +90,7 @@ def sensor_of(diagram: Diagram, path: str | None = None) -> Device:
 def simulated(file: DiagramFile, diagram: Diagram, sensor: Device, seconds: float) -> Readings:
     """Return the Readings of a simulation in virtual time, whose plant turns the sensor. file : DiagramFile"""
     recorder = record(diagram, sensor)
-    schedule = compiled(file.path, diagram)
+    schedule = compile_diagram(file.path, diagram)
     simulation = Simulation(file, diagram, schedule)
     control = Program(schedule, simulation.ends())
     return read(
@@ -117,7 +117,7 @@ class OnRig:
                 inside.enter_context(subsystem(each))
             self.sensor = type(sensor)(**parameters, name=name)
         self.recorder = record(diagram, self.sensor)
-        self.schedule = compiled(rig.path, diagram)
+        self.schedule = compile_diagram(rig.path, diagram)
         self.buses = RigBuses(rig, diagram, self.schedule.buses)
         self.control = Program(self.schedule, self.buses.ends())
 

@@ -49,10 +49,10 @@ def rests(time: np.ndarray, accel: np.ndarray, gyro: np.ndarray) -> list[Rest]:
     if not pieces:
         return []
     median = np.median([piece.gyro for piece in pieces], axis=0)
-    return joined([piece for piece in pieces if np.abs(piece.gyro - median).max() < BIAS_DIFFERENCE_LIMIT])
+    return merge_windows([piece for piece in pieces if np.abs(piece.gyro - median).max() < BIAS_DIFFERENCE_LIMIT])
 
 
-def joined(pieces: Sequence[Rest]) -> list[Rest]:
+def merge_windows(pieces: Sequence[Rest]) -> list[Rest]:
     """Merge windows of one position into one Rest, weighted by their durations."""
     groups = []
     for piece in pieces:

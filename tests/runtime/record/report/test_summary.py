@@ -52,9 +52,9 @@ def test_a_short_recording_has_an_exit_code_of_its_own_and_others_take_precedenc
 
 
 def test_signals_are_named_and_ctrl_c_is_explained():
-    assert summary.stopped(outcome()) is None
-    assert summary.stopped(outcome(number=signal.SIGINT)) == "stopped by SIGINT (Ctrl-C)"
-    assert summary.stopped(outcome(number=signal.SIGTERM)) == "stopped by SIGTERM"
+    assert summary.stop_reason(outcome()) is None
+    assert summary.stop_reason(outcome(number=signal.SIGINT)) == "stopped by SIGINT (Ctrl-C)"
+    assert summary.stop_reason(outcome(number=signal.SIGTERM)) == "stopped by SIGTERM"
 
 
 def test_the_summary_counts_ticks_strides_torque_and_work(walked, golden):

@@ -15,7 +15,7 @@ from runtime.robot.guardian.plan_types import PlanRelay
 from runtime.robot.guardian.relay import Relay
 from runtime.robot.rig import gpio_line
 from runtime.robot.rig.errors import Refused
-from runtime.robot.rig.gpio_line import opened
+from runtime.robot.rig.gpio_line import open_line
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.test_gpio import BYTES, FALLING, LEVEL, LOST, PRESSED, RISING, event
 from tests.runtime.runs import ROOT
@@ -35,7 +35,7 @@ def connect(tmp_path, monkeypatch):
         started.append(server)
         if level is not None:
             server.end.send(LEVEL, level)
-        line = opened("line", **kind(name="line", chip=CHIP, pin="GPIO17").opening())
+        line = open_line("line", **kind(name="line", chip=CHIP, pin="GPIO17").opening())
         stream = streams.add(line.fd, record=line.record, is_gpio=line.is_gpio, level=line.level)
         os.close(line.fd)
         streams.start()
@@ -126,7 +126,7 @@ def test_level_of_an_output_reaches_the_plant(connect):
 
 def test_real_chip_and_second_emulator_are_rejected_and_a_missing_one_is_reported(connect):
     with pytest.raises(Refused) as caught:
-        opened("line", chip=CHIP, pin="GPIO4", active_low=False, output=True)
+        open_line("line", chip=CHIP, pin="GPIO4", active_low=False, output=True)
     assert "start `python -m runtime emulate`" in caught.value.problem.hint
     with pytest.raises(BadInput, match="a line of a real GPIO chip cannot be emulated"):
         GpioServer("line", "/dev/gpiochip0", "GPIO17")
@@ -145,7 +145,7 @@ def test_the_emergency_stop_of_the_page_is_pressed_by_its_program(tmp_path, monk
     deadline, line = time.monotonic() + 5.0, None
     while line is None:
         try:
-            line = opened("stop", **EStopSwitch(name="stop", chip=CHIP, pin="GPIO17").opening())
+            line = open_line("stop", **EStopSwitch(name="stop", chip=CHIP, pin="GPIO17").opening())
         except Refused:
             assert time.monotonic() < deadline
     streams, switch = Streams(), Wired(EStopSwitch)

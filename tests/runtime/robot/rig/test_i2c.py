@@ -15,7 +15,7 @@ from runtime.robot.rig.buses import RigBuses
 from runtime.robot.rig.chips import Chips, KnownChips
 from runtime.robot.rig.errors import Refused, RigError
 from runtime.robot.rig.file import RigBus, parse
-from runtime.robot.rig.i2c import I2cInterface, SeveralRefused, in_words, known, open_adapter, paths
+from runtime.robot.rig.i2c import I2cInterface, SeveralRefused, hint_of_buses, in_words, open_adapter, paths
 from runtime.robot.rig.overrides import override
 from tests.runtime.robot.rig.wires import ADJUSTMENT, Wires, add_mpu, opened
 
@@ -205,7 +205,9 @@ def test_missing_bus_is_reported_with_way_to_enable_it(tmp_path):
         open_adapter(RigBus("imus", "i2c", "/dev/null"))
     for name in ("i2c-10", "i2c-2", "i2c-x"):
         (tmp_path / name).touch()
-    assert paths(tmp_path) == [str(tmp_path / "i2c-2"), str(tmp_path / "i2c-10")] and "i2c-10; " in known(tmp_path)
+    assert paths(tmp_path) == [str(tmp_path / "i2c-2"), str(tmp_path / "i2c-10")] and "i2c-10; " in hint_of_buses(
+        tmp_path
+    )
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):

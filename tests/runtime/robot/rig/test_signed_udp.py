@@ -13,7 +13,7 @@ from blocks.safety import EStopHeartbeat
 from cext.bus.socketcan import SocketCan
 from graph import Diagram
 from runtime.host.errors import FAULT
-from runtime.host.signed_datagrams import Receiver, Signer, opened, read_key, sealed
+from runtime.host.signed_datagrams import Receiver, Signer, open_datagram, read_key, seal_datagram
 from runtime.robot.rig.bus import RigBus
 from runtime.robot.rig.buses import RigBuses
 from runtime.robot.rig.errors import RigError
@@ -29,19 +29,19 @@ RELEASED = CAN_FRAME.pack(0x100, 2, b"\x07\x5a")
 
 def test_a_datagram_is_the_frame_the_session_a_number_and_half_an_hmac_of_them():
     content = RELEASED + b"sessions" + (258).to_bytes(8, "little")
-    assert sealed(KEY, RELEASED, b"sessions", 258) == content + hmac.digest(KEY, content, hashlib.sha256)[:16]
-    assert opened(KEY, sealed(KEY, RELEASED, b"sessions", 258)) == (RELEASED, b"sessions", 258)
+    assert seal_datagram(KEY, RELEASED, b"sessions", 258) == content + hmac.digest(KEY, content, hashlib.sha256)[:16]
+    assert open_datagram(KEY, seal_datagram(KEY, RELEASED, b"sessions", 258)) == (RELEASED, b"sessions", 258)
 
 
 def test_one_changed_bit_or_another_key_or_size_makes_a_datagram_invalid():
-    datagram = sealed(KEY, RELEASED, b"sessions", 258)
+    datagram = seal_datagram(KEY, RELEASED, b"sessions", 258)
     for bit in range(8 * len(datagram)):
         changed = bytearray(datagram)
         changed[bit // 8] ^= 1 << bit % 8
-        assert opened(KEY, bytes(changed)) is None
+        assert open_datagram(KEY, bytes(changed)) is None
     for other in (b"", RELEASED, datagram[:-1], datagram + b"\0"):
-        assert opened(KEY, other) is None
-    assert opened(OTHER, datagram) is None
+        assert open_datagram(KEY, other) is None
+    assert open_datagram(OTHER, datagram) is None
 
 
 def test_a_sender_adopts_the_session_of_its_receiver_and_nothing_is_accepted_twice():
@@ -141,7 +141,7 @@ def test_only_signed_frames_reach_the_loop(bus):
     recorded = list(button.sent)
     received(can)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        for datagram in [RELEASED, *recorded, sealed(OTHER, RELEASED, button.signer.session, 10**6), bytes(48)]:
+        for datagram in [RELEASED, *recorded, seal_datagram(OTHER, RELEASED, button.signer.session, 10**6), bytes(48)]:
             stranger.sendto(datagram, ("127.0.0.1", port))
     assert received(can) == []
     with SignedButton(port, OTHER):

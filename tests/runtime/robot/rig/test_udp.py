@@ -21,7 +21,7 @@ from runtime.host.errors import FAULT, OK
 from runtime.robot.rig.buses import RigBuses
 from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import RigBus, read
-from runtime.robot.rig.udp import Endpoint, UdpInterface, addresses, failed, owner_of
+from runtime.robot.rig.udp import Endpoint, UdpInterface, addresses, failure_in_words, owner_of
 from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, NOTHING, ROOT, finished, write
 
@@ -259,7 +259,7 @@ def test_peer_is_the_only_destination_and_source():
         peer.close()
         can.end.send(0x200, b"")  # the system hears here that nobody listens
         can.end.receive()
-        assert failed(can.trouble, named)[0] == f"no program receives at {named.peer}"
+        assert failure_in_words(can.trouble, named)[0] == f"no program receives at {named.peer}"
         interface.close()
 
 

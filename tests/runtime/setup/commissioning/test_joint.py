@@ -13,7 +13,7 @@ from blocks.actuators import CubeMarsServo, CubeMarsV3
 from graph import Diagram
 from runtime.host.errors import BadInput
 from runtime.record.report.preflight.table import marks, position_range
-from runtime.robot.loading.file import compiled, load
+from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.rig.file import RigBus, parse, read
 from runtime.robot.rig.overrides import override
 from runtime.setup.commissioning import rig_edit
@@ -142,7 +142,7 @@ def test_the_tables_before_arming_compare_with_the_range_of_the_rig(tmp_path):
     _, diagram = load(knee(tmp_path), ())
     rig.devices["knee"]["range"] = [-0.1, 1.8]
     override(rig, diagram)
-    compiled(tmp_path / "robot.py", diagram)
+    compile_diagram(tmp_path / "robot.py", diagram)
     block = diagram["knee"]
     assert position_range(block) == (-0.1, 1.8)
     row = {"position": 2.0, "low": -0.1, "high": 1.8, "temperature": 30.0, "fault": 0, "age": 0.0}
@@ -169,11 +169,11 @@ def test_a_rig_file_that_cannot_be_edited_safely_is_not_changed(text, device):
         BadInput,
         match="cannot be edited automatically. Nothing was written. Edit the file by hand: offset = 0.5, range = ",
     ):
-        rig_edit.changed("lab.toml", text, device, {"offset": 0.5, "range": [0.0, 2.0]})
+        rig_edit.change_device("lab.toml", text, device, {"offset": 0.5, "range": [0.0, 2.0]})
 
 
 def test_a_device_missing_in_the_rig_file_is_appended():
-    after = rig_edit.changed("lab.toml", "# hers\n", "left/knee", {"offset": 0.5, "invert": True})
+    after = rig_edit.change_device("lab.toml", "# hers\n", "left/knee", {"offset": 0.5, "invert": True})
     assert after == '# hers\n\n[device."left/knee"]\noffset = 0.5\ninvert = true\n'
 
 

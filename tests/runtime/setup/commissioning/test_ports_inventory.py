@@ -15,7 +15,7 @@ def port(device, vid, manufacturer, product, serial):
 @pytest.fixture
 def there(monkeypatch):
     monkeypatch.setattr(
-        "runtime.robot.rig.ports.listed",
+        "runtime.robot.rig.ports.list_ports",
         lambda: [
             port("/dev/ttyACM0", 0x16C0, "Teensyduino", "USB Serial", "1234560"),
             port("/dev/ttyACM1", 0x199B, "MicroStrain", "3DM-GX5", "6253.133931"),

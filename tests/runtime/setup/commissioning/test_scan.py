@@ -10,7 +10,7 @@ import pytest
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.robot.guardian.lock import BusLock
 from runtime.robot.rig.file import read
-from runtime.setup.commissioning.scan import commanded
+from runtime.setup.commissioning.scan import foreign_drive_ids
 from tests.runtime.setup.commissioning.nodes import (
     DISABLE,
     ENABLE,
@@ -198,7 +198,9 @@ def test_scan_sends_nothing_on_a_bus_of_another_controller(command_line, identif
 
 def test_a_reply_to_get_id_is_not_a_command():
     """That of a RobStride with a small id, to another program's query, looks like a CubeMars command to id 254."""
-    assert not commanded([(can_id << 8 | 0xFE, True, bytes(range(8))) for can_id in range(1, 128)], range(1, 256))
+    assert not foreign_drive_ids(
+        [(can_id << 8 | 0xFE, True, bytes(range(8))) for can_id in range(1, 128)], range(1, 256)
+    )
 
 
 def test_two_imus_with_one_address_are_reported(command_line):
