@@ -12,24 +12,13 @@ from msgspec.structs import replace
 from cext.rules import LiveRule
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
 from graph.block import Sink
-from graph.budget import damping_round
 from graph.class_checks import CLOCK
-from graph.device import Actuator, Device
+from graph.device import Device
+from graph.device_assembly import DeviceAssembly
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
 from graph.rules import held_bounds_of
-from graph.schedule import (
-    Column,
-    DeviceSteps,
-    HeldBound,
-    LiveParameter,
-    Schedule,
-    SignalPlace,
-    SinkColumns,
-    Step,
-    WatchSteps,
-    ZeroSteps,
-)
+from graph.schedule import Column, HeldBound, LiveParameter, Schedule, SignalPlace, SinkColumns, Step
 from graph.signal import Signal
 from graph.upstream import computes, upstream
 
@@ -39,7 +28,6 @@ if TYPE_CHECKING:
     from graph.block import Block
     from graph.compilation import Compilation
     from graph.declarations import Output
-    from graph.device_data import DampedStop, Motion
 
 
 def assemble(compilation: Compilation) -> Schedule:
@@ -221,7 +209,7 @@ class Assembly:
             output=output,
             update=self.update_steps(),
             devices=sorted(
-                (self.device_steps(block, buses) for block in self.blocks if isinstance(block, Device)),
+                (DeviceAssembly(self, block).steps(buses) for block in self.blocks if isinstance(block, Device)),
                 key=lambda d: d.bus,
             ),
             buses=buses,
@@ -319,132 +307,10 @@ class Assembly:
             if own:
                 yield block, own
 
-    def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
-        """Return the decode and encode steps of a device, and its frames. buses : names in the order of the schedule"""
-
-        def slot(name):
-            return self.places[Signal(block, name)].slot if name in block.outputs else -1
-
-        moves = isinstance(block, Actuator)
-        return DeviceSteps(
-            name=block.path,
-            bus=buses.index(block.bus),
-            decode=block.decode,
-            encode=block.encode,
-            decode_table=self.table(block, block.decode),
-            encode_table=self.table(block, block.encode),
-            age=slot("age"),
-            fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1,
-            timeout=block.timeout,
-            ask=tuple(block.ask_frames()) if moves else (),
-            # a sensor may be set up, and a device other than an actuator enabled, before the operator confirms
-            set_up=tuple(block.set_up_frames()) + (() if moves else tuple(block.enable_frames())),
-            enable=tuple(block.enable_frames()) if moves else (),
-            zero=tuple(block.zero_frames()),
-            disable=tuple(block.disable_frames()),
-            damp=self.damped_stop(block),
-            stop_reply=block.stop_reply(),
-            unanswered=block.unanswered_frames,
-            relay_time=block.relay_time,
-            start_time=block.start_time,
-            watch=self.watch_steps(block, slot),
-            warning=slot("warning") if isinstance(block, Actuator) else -1,
-            warnings=tuple(block.warnings_in_words())
-            if isinstance(block, Actuator) and "warning" in block.outputs
-            else (),
-            reads=tuple(block.read_frames()),
-            reports_enabled=block.reports_enabled,
-            zeroing=self.zero_steps(block, slot),
-            **self.reply_steps(block),
-            **self.switch_slots(block, slot),
-            **self.ready_place(block),
-        )
-
-    def reply_steps(self, block: Device) -> dict[str, Any]:
-        """Return how a device answers commands, as fields of DeviceSteps; {} if it does not state it."""
-        replies = block.command_replies()
-        if replies is None:
-            return {}
-        memory = self.memory.get(block, {}).get("transit")
-        return {
-            "answers": replies.report_rate <= 0.0,
-            "transit": -1 if memory is None else memory[0],
-            "max_transit": replies.max_transit,
-            "restart_time": replies.restart_time,
-            "report_period": 1.0 / replies.report_rate if replies.report_rate > 0.0 else 0.0,
-            "set_up_replies": len(block.set_up_frames()) if replies.to_set_up is None else replies.to_set_up,
-        }
-
-    def damped_stop(self, block: Device) -> DampedStop | None:
-        """Return the DampedStop of a device, with a round for which its bus has the capacity."""
-        stop = block.damped_stop()
-        return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
-
-    def ready_place(self, block: Device) -> dict[str, Any]:
-        """Return the slot and size of a device's `ready` memory; {} if it has none."""
-        if block.ready is None:
-            return {}
-        slot, size = self.memory[block][block.ready][:2]
-        return {"ready": slot, "ready_size": size}
-
-    def watch_steps(self, block: Device, slot: Callable[[str | None], int]) -> WatchSteps | None:
-        """Return what the drive monitor of a device reads; None for a device without one.
-
-        slot : function that returns the slot of an output by its name
-        """
-        watch = block.watched()
-        if watch is None:
-            return None
-        name, index = watch.law_limit or ("", 0)
-        remaining, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
-        return WatchSteps(
-            watch,
-            slot("torque"),
-            slot("temperature"),
-            slot("rms_torque"),
-            remaining,
-            full,
-            **self.motion_slots(block, watch.motion, slot),
-        )
-
-    def zero_steps(self, block: Device, slot: Callable[[str | None], int]) -> ZeroSteps | None:
-        """Return how the zero of a drive is set; None if it cannot be set.
-
-        slot : function that returns the slot of an output by its name
-        """
-        zeroing, watch = block.zeroing(), block.watched()
-        if zeroing is None:
-            return None
-        motion = {} if watch is None else self.motion_slots(block, watch.motion, slot)
-        request = self.input_slot(block, "zero") if "zero" in block.inputs else -1
-        return ZeroSteps(zeroing, slot("position"), request, motion.get("law", -1), motion.get("current", -1))
-
-    def switch_slots(self, block: Device, slot: Callable[[str | None], int]) -> dict[str, Any]:
-        """Return {field of DeviceSteps: slot} of a drive that can be taken out during a run, {} for another device."""
-        if not isinstance(block, Actuator) or "disabled" not in block.parameters:
-            return {}
-        return {
-            "disabled_slot": self.parameters[f"{block.path}.disabled"],
-            "disable_slot": self.input_slot(block, "disable"),
-            "active_slot": slot("active"),
-        }
-
-    def motion_slots(self, block: Device, motion: Motion | None, slot: Callable[[str | None], int]) -> dict[str, int]:
-        """Return {field of WatchSteps: slot} for the watch of an actuator's motion, {} without one."""
-        if motion is None:
-            return {}
-        slots = {"position": slot("position"), "velocity": slot("velocity"), "current": slot(motion.current)}
-        if motion.law is not None:
-            slots["law"] = self.memory[block][motion.law][0]
-        if motion.gains is not None:
-            name, index = motion.gains
-            slots |= {quantity: self.input_slot(block, f"{quantity}_command") for quantity in ("stiffness", "damping")}
-            slots["gains"] = self.memory[block][name][0] + index
-        return slots
-
     def recorded(self) -> tuple[np.ndarray, list[Column], list[SinkColumns]]:
         """Return (slots of all recorded numbers, Column of each, SinkColumns of each sink)."""
-        slots, index_of, sinks, recorded = [], {}, [], []
+        slots, recorded, sinks = [], [], []
+        index_of: dict[int, int] = {}
         everything = [
             (place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)
         ]

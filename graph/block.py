@@ -137,31 +137,17 @@ class Block:
         self._attributes = len(vars(self)) + 1
 
     def _set_parameters(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:
-        who = type(self).__name__
+        """Check and set the parameters. Raises DiagramError with all problems."""
         problems = []
 
-        def wrong(message, hint=""):
-            problems.append(Diagnostic("TW010", message, path=who, where=self.location, hint=hint))
+        def wrong(message: str, hint: str = "", code: str = "TW010") -> None:
+            problems.append(Diagnostic(code, message, path=type(self).__name__, where=self.location, hint=hint))
 
-        names = list(self.parameters if self.positional is None else self.positional)
         signal = next((value for value in (*values, *named.values()) if isinstance(value, Signal)), None)
         if signal is not None and not named.keys() & self.inputs.keys():
             wrong(f"the signal {signal.path} was passed as a parameter", hints.in_second_parentheses(self))
             raise DiagramError(problems)
-        if len(values) > len(names):
-            by_position = "" if self.positional is None else " by position"
-            wrong(
-                f"takes {count(names, 'parameter')}{by_position} ({', '.join(names) or 'none'}), got {len(values)}",
-                by_position and "pass the others by name",
-            )
-        given = dict(zip(names, values))
-        for key, value in named.items():
-            if key not in self.parameters:
-                wrong(f"has no parameter {key!r}", hints.for_parameter(self, key))
-            elif key in given:
-                wrong(f"{key} was given twice")
-            else:
-                given[key] = value
+        given = self._named_values(values, named, wrong)
         for key, param in self.parameters.items():
             if key not in given and param.required:
                 wrong(f"{key} is missing", param.description)
@@ -174,15 +160,38 @@ class Block:
                 setattr(self, key, self.check_live(key, param.check(value)))
             except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {text_of(error)}", param.description)
+        self._check_options(wrong)
+        if problems:
+            raise DiagramError(problems)
+
+    def _named_values(
+        self, values: tuple[Any, ...], named: dict[str, Any], wrong: Callable[[str, str], None]
+    ) -> dict[str, Any]:
+        """Return the given parameters by name. wrong : function that receives what no parameter takes, and a hint"""
+        names = list(self.parameters if self.positional is None else self.positional)
+        if len(values) > len(names):
+            by_position = "" if self.positional is None else " by position"
+            wrong(
+                f"takes {count(names, 'parameter')}{by_position} ({', '.join(names) or 'none'}), got {len(values)}",
+                by_position and "pass the others by name",
+            )
+        given = dict(zip(names, values))
+        for key, value in named.items():
+            if key not in self.parameters:
+                wrong(f"has no parameter {key!r}", hints.for_parameter(self, key))
+            elif key in given:
+                wrong(f"{key} was given twice", "")
+            else:
+                given[key] = value
+        return given
+
+    def _check_options(self, wrong: Callable[..., None]) -> None:
+        """Pass what is wrong with `every` and `hold_exceptions` to a function, with a hint and a code."""
         if not is_count(self.every):
-            problems.append(
-                Diagnostic(
-                    "TW014",
-                    f"every must be a whole number of ticks, 1 or more, got {repr_of(self.every)}",
-                    path=who,
-                    where=self.location,
-                    hint="every=2 runs the block in every second tick",
-                )
+            wrong(
+                f"every must be a whole number of ticks, 1 or more, got {repr_of(self.every)}",
+                "every=2 runs the block in every second tick",
+                "TW014",
             )
         if not (is_count(self.hold_exceptions) or (type(self.hold_exceptions) is int and self.hold_exceptions == 0)):
             wrong(
@@ -191,8 +200,6 @@ class Block:
             )
         elif self.hold_exceptions and not (self.is_python or self.has_python_update):
             wrong("does not accept hold_exceptions, since it does not run in Python", "omit hold_exceptions")
-        if problems:
-            raise DiagramError(problems)
 
     def reconfigure(self) -> None:
         """Check the rules of the present parameters, and call `configure`. Raises DiagramError TW010."""
@@ -266,37 +273,20 @@ class Block:
         """
         where = caller()
         if self.diagram is None:
-            raise DiagramError(
-                Diagnostic(
-                    "TW011",
-                    "was created outside a diagram and cannot be connected",
-                    path=self.path,
-                    where=where,
-                    hint="create and connect it inside `with Diagram(...)`; to compute a single step, call .step(...)",
-                )
+            raise self._error(
+                "TW011",
+                "was created outside a diagram and cannot be connected",
+                where,
+                "create and connect it inside `with Diagram(...)`; to compute a single step, call .step(...)",
             )
         names = list(self.inputs)
         if not self.variadic and len(signals) > len(names):
-            raise DiagramError(
-                Diagnostic(
-                    "TW012",
-                    f"has {count(names, 'input')} ({', '.join(names) or 'none'}), got {count(signals, 'signal')}",
-                    path=self.path,
-                    where=where,
-                )
-            )
-        wires = [
-            (None if self.variadic else name, signal) for name, signal in zip(names or [None] * len(signals), signals)
-        ]
-        if self.variadic:
-            wires = [(None, signal) for signal in signals]
-        for name, signal in wires + list(named.items()):
+            found = f"has {count(names, 'input')} ({', '.join(names) or 'none'}), got {count(signals, 'signal')}"
+            raise self._error("TW012", found, where)
+        wires = [(None, signal) for signal in signals] if self.variadic else list(zip(names, signals))
+        for name, signal in [*wires, *named.items()]:
             if not self.variadic and name not in self.inputs:
-                raise DiagramError(
-                    Diagnostic(
-                        "TW012", f"has no input {name!r}", path=self.path, where=where, hint=hints.for_input(self, name)
-                    )
-                )
+                raise self._error("TW012", f"has no input {name!r}", where, hints.for_input(self, name))
             self.diagram.wire(signal, self, name, where)
         return self.result()
 
@@ -371,14 +361,8 @@ class Block:
     def put(self, name: str, value: Any, source: str = "") -> None:
         """Set a parameter as `set` does, without its rules, for several together: call `reconfigure` after them."""
         if name not in self.parameters:
-            raise DiagramError(
-                Diagnostic(
-                    "TW010",
-                    f"has no parameter {name!r}",
-                    path=self.path,
-                    hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}",
-                )
-            )
+            hint = suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}"
+            raise self._error("TW010", f"has no parameter {name!r}", None, hint)
         param = self.parameters[name]
         before = self.set_from.get(name, ("", getattr(self, name)))[1]
         self._assign(name, param.parse if isinstance(value, str) else param.check, value)
@@ -402,15 +386,8 @@ class Block:
         try:
             setattr(self, name, self.check_live(name, read(value)))
         except (ValueError, TypeError, OverflowError) as error:
-            raise DiagramError(
-                Diagnostic(
-                    "TW010",
-                    f"{name}: {text_of(error)}",
-                    path=self.path,
-                    where=self.location,
-                    hint=self.parameters[name].description,
-                )
-            ) from None
+            hint = self.parameters[name].description
+            raise self._error("TW010", f"{name}: {text_of(error)}", self.location, hint) from None
 
     def assigned_names(self) -> list[str]:
         """Return the names of public attributes that were added after a native block was made, except its memory."""
@@ -463,7 +440,11 @@ class Block:
             message = text_of(error) if error.strerror is None else f"cannot read {error.filename}: {error.strerror}"
         except (ValueError, ArithmeticError) as error:
             message = text_of(error)
-        raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
+        raise self._error("TW010", message, self.location)
+
+    def _error(self, code: str, message: str, where: Any, hint: str = "") -> DiagramError:
+        """Return the error of this block. where : Location, or None"""
+        return DiagramError(Diagnostic(code, message, path=self.path, where=where, hint=hint))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.path}>"

@@ -292,7 +292,8 @@ class Param(Declaration, Generic[T]):
         if isinstance(default, list):
             raise TypeError(f"all blocks would share the list {default!r}: write the default as a tuple")
         self.default, self.unit, self.description = default, units.canonical(unit), description
-        self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
+        self.min, self.max, self.above = min, max, above
+        self.below, self.choices = below, choices
         self.live, self.slew, self.required = live, slew, required
         self.file, self.kernel = file, kernel
         self.dtype = dtype or (float if default is None else type(default))
@@ -421,7 +422,8 @@ class Live:
     def __init__(
         self, value: float, *, min: float | None = None, max: float | None = None, slew: float | None = None
     ) -> None:
-        self.value, self.min, self.max, self.slew = value, min, max, slew
+        self.value, self.min = value, min
+        self.max, self.slew = max, slew
 
     def bounds(self, param: Param[Any]) -> LiveBounds:
         """Return the LiveBounds for a Param. Raises ValueError for invalid bounds."""

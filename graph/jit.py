@@ -143,7 +143,8 @@ class Rewriter(ast.NodeTransformer):
     """
 
     def __init__(self, block: Block, slots: dict[str, int], outputs: Sequence[str], arguments: Sequence[str]) -> None:
-        self.block, self.slots, self.outputs, self.arguments = block, slots, outputs, arguments
+        self.block, self.slots = block, slots
+        self.outputs, self.arguments = outputs, arguments
 
     def kernel(self, function: FunctionDef) -> Module:
         """Return the module with the kernel of a method, as a syntax tree. Raises CannotCompile."""

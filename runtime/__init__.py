@@ -140,12 +140,7 @@ def run(
         with _CheckedImports():
             from runtime.session.simulate import simulate
 
-        if options:
-            with _CheckedImports():
-                from runtime.session.own_process import check_names
-
-            check_names(options)
-            raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
+        _refuse(options)
         if duration is None:
             raise BadInput("a run in virtual time needs a duration in s, as in runtime.run(diagram, 10)")
         return simulate(
@@ -231,13 +226,7 @@ def connect(
     the same names. Iteration raises runtime.host.errors.RunFault after a fault. Raises BadInput.
     """
     if fast and rig is None:
-        if options:
-            with _CheckedImports():
-                from runtime.host.errors import BadInput
-                from runtime.session.own_process import check_names
-
-            check_names(options)
-            raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
+        _refuse(options)
         with _CheckedImports():
             from runtime.session.simulate import SimulatedLoop
 
@@ -404,6 +393,17 @@ def optimise(
         seed=seed,
     )
     return run(description, None if output is None else Path(output), workers, dask)
+
+
+def _refuse(options):
+    """Raise BadInput for options of a run in real time."""
+    with _CheckedImports():
+        from runtime.host.errors import BadInput
+        from runtime.session.own_process import check_names
+
+    check_names(options)
+    if options:
+        raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
 
 
 def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):

@@ -127,7 +127,8 @@ def reach_of_cascade(sections: tuple[tuple[tuple[float, ...], tuple[float, ...]]
     count, n = len(sections), sum(len(b) - 1 for b, _ in sections)
     # Every signal is a row of weights of the states, the input, and the rounding error of each section's output.
     signals = np.eye(n + 1 + count)
-    signal, nexts, outputs, first = signals[n], [], [], 0
+    signal, nexts = signals[n], []
+    outputs, first = [], 0
     for index, (b, a) in enumerate(sections):
         order = len(b) - 1
         z = list(signals[first : first + order]) + [np.zeros_like(signal)]

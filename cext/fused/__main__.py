@@ -53,7 +53,8 @@ def tables(items: tuple[Item, ...]) -> Iterator[tuple[dict[int, str], int, dict[
     """Yield the tables for which a kernel is compiled: names of the items of entries, the length, the entries of their
     Rests, and the sizes of items that have one.
     """
-    names, places, sizes, index = {}, [], {}, 0
+    names, places = {}, []
+    sizes, index = {}, 0
     for item in items:
         names[index] = item.name
         if item.rest:

@@ -133,7 +133,8 @@ class RunProcess:
         self.asks, self.interrupts = asks, 0
         self.shared: SharedState | None = None
         self.lines: list[str] | None = []  # that were not printed yet: an error, if nothing follows; None: print
-        self.unfinished, self.report, self.status, self.status_due = "", b"", "", 0.0
+        self.unfinished, self.report = "", b""
+        self.status, self.status_due = "", 0.0
         self.decode = getincrementaldecoder("utf-8")("replace").decode
         self.descriptors: list[int] = []
         try:

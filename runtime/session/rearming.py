@@ -39,7 +39,8 @@ class Rearming:
     def __init__(
         self, prepared: Prepared, shared: SharedState, control: Program, executor: Executor, keys: bool
     ) -> None:
-        self.prepared, self.shared, self.control, self.executor, self.keys = prepared, shared, control, executor, keys
+        self.prepared, self.shared, self.control = prepared, shared, control
+        self.executor, self.keys = executor, keys
         self.slots = requests(prepared.diagram, prepared.schedule)
         self.enabled = prepared.request.rearm or bool(self.slots)
         self.fault, self.report = None, []  # Outcome of the newest fault, and its lines

@@ -25,10 +25,14 @@ from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     from runtime.record.recorder.local import LocalRecorder
     from runtime.record.recorder.plan_types import Plan
     from runtime.session.prepare import Prepared
     from runtime.session.result import Result
+
+    Recorder: TypeAlias = RecorderProcess | LocalRecorder
 
 
 class Session:
@@ -45,7 +49,7 @@ class Session:
         prepared: Prepared,
         say: Callable[[list[str]], object] = lambda lines: None,
         count_from: int = 0,
-        recorder: Callable[[SharedState], RecorderProcess | LocalRecorder] | None = None,
+        recorder: Callable[[SharedState], Recorder] | None = None,
     ) -> None:
         self.prepared, self.say, self.count_from = prepared, say, count_from
         self.start_recorder = recorder or self.usual_recorder
@@ -89,7 +93,7 @@ class Session:
             undo.pop_all()
         return Armed(prepared, shared, recorder, realtime, control, executor, rearming, inhibitor, keys)
 
-    def usual_recorder(self, shared: SharedState) -> RecorderProcess | LocalRecorder:
+    def usual_recorder(self, shared: SharedState) -> Recorder:
         """Return the recorder of the run: a process, or a LocalRecorder where nothing is recorded."""
         if needs_process(self.prepared):
             return RecorderProcess(shared)
@@ -107,7 +111,7 @@ class Session:
         control.count_from(self.count_from)
         return control
 
-    def keep_others_aside(self, realtime: Realtime, recorder: RecorderProcess | LocalRecorder) -> Collection[int]:
+    def keep_others_aside(self, realtime: Realtime, recorder: Recorder) -> Collection[int]:
         """Move the other processes of the run off the loop's processor.
 
         Returns the numbers of the processors left to them.
@@ -126,9 +130,7 @@ class Session:
             return realtime.lines()
         return [*self.prepared.rig.remarks(), *realtime.lines(), *realtime.risk(), *inhibitor.remarks()]
 
-    def executor(
-        self, control: Program, shared: SharedState, recorder: RecorderProcess | LocalRecorder, aside: Collection[int]
-    ) -> Executor:
+    def executor(self, control: Program, shared: SharedState, recorder: Recorder, aside: Collection[int]) -> Executor:
         """Return the Executor of a program. aside : numbers of the processors for other threads"""
         request, rig = self.prepared.request, self.prepared.rig
         return Executor(

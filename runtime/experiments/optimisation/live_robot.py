@@ -144,7 +144,8 @@ class LiveRobot(Robot):
     """
 
     def __init__(self, shared: SharedState, targets: Targets, announce: Callable[[], None] = lambda: None) -> None:
-        self.shared, self.targets, self.table, self.announce = shared, targets, table.read(shared), announce
+        self.shared, self.targets = shared, targets
+        self.table, self.announce = table.read(shared), announce
         self.applied: dict[int, float] = {}  # {index: value}
 
     @property

@@ -146,12 +146,14 @@ class Companion:
         cost: Cost,
         path: str,
     ) -> None:
-        self.shared, self.control, self.channel, self.cost = shared, control, socket.socket(fileno=channel), cost
+        self.shared, self.control = shared, control
+        self.channel, self.cost = socket.socket(fileno=channel), cost
         self.poll = select.poll()
         self.poll.register(control, select.POLLIN)
         self.poll.register(channel, select.POLLIN)
         self.watch = plan["cost"].get("columns", [])
-        self.sent, self.due, self.over, self.changing = {}, 0.0, False, False
+        self.sent, self.due = {}, 0.0
+        self.over, self.changing = False, False
         zero = [tuple(pair) for pair in plan["zero"]]
         self.robot = LiveRobot(shared, Targets(table.read(shared), optimiser.parameters, zero), self.announce)
         self.file = StateFile(path, plan["state"])

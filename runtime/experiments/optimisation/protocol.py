@@ -141,14 +141,17 @@ class Protocol:
         accepted: Mapping[str, float] | None = None,
         validated: list[tuple[str, Estimate]] | None = None,
     ) -> None:
-        self.optimiser, self.robot, self.cost, self.settings = optimiser, robot, cost, settings
+        self.optimiser, self.robot = optimiser, robot
+        self.cost, self.settings = cost, settings
         self._report, self.save = report, save
         self.initial = {parameter.name: parameter.start for parameter in optimiser.parameters}
         self.accepted = dict(self.initial if accepted is None else accepted)
         self.validated = list(validated or ())
         self.errors: list[float] = []  # standard errors of the costs measured here
-        self.now, self.phase, self.until, self.title = 0.0, "start", math.inf, ""
-        self.over, self.finished, self.text, self.entered = False, False, "", False
+        self.now, self.phase = 0.0, "start"
+        self.until, self.title = math.inf, ""
+        self.over, self.finished = False, False
+        self.text, self.entered = "", False
         self.question = 0
         self._pressed: str | None = None
         self._run = self._steps()

@@ -84,7 +84,8 @@ class TrialData:
         rows : array (ticks, 2 + signals): tick, lateness in s, and every signal
         """
         made = cls.__new__(cls)
-        made.path, made.parts, made.seams, made.frames = Path(about["name"]), [], [], []
+        made.path, made.parts = Path(about["name"]), []
+        made.seams, made.frames = [], []
         made.file, made._recording, made._columns = None, None, {}
         made.end, made._diagram = end, diagram
         made.events = [*end["events"], end["end"]]

@@ -44,7 +44,8 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     path : path of the file, which is overwritten
     progress : not used: the file is written at once
     """
-    values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
+    values, units = Struct(OWN), Struct(OWN)
+    paths, fields = Struct(OWN), Struct()
     for name, value in trial.fields.items():
         fields.put([name], value)
     for name, samples in trial.read(trial.names).items():

@@ -54,7 +54,8 @@ class Panel:
     """
 
     def __init__(self, shared, keyboard, recording, companion=None):
-        self.shared, self.keyboard, self.recording, self.companion = shared, keyboard, recording, companion
+        self.shared, self.keyboard = shared, keyboard
+        self.recording, self.companion = recording, companion
         self.table = table.read(shared)
         self.choices = choices(self.table.parameters)
         self.writer = Writer(shared, "keys")

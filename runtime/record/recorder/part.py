@@ -50,7 +50,8 @@ class Recording:
         self.part = plan.get("part", 1)
         before: PlanBefore | None = plan.get("before")
         self.row = row_struct(len(plan["signals"]))
-        self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
+        self.ticks, self.first_tick = 0, None
+        self.last_tick, self.time = None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
         self.changes = Changes(table.read(shared).parameters)
         self.newest = None  # the newest row: tick, lateness, values

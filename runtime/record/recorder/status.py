@@ -43,7 +43,8 @@ class StatusLine:
     """The status line of one run."""
 
     def __init__(self, terminal, plan: Plan, shared, panel=None, recording=None):
-        self.terminal, self.plan, self.shared, self.panel, self.recording = terminal, plan, shared, panel, recording
+        self.terminal, self.plan, self.shared = terminal, plan, shared
+        self.panel, self.recording = panel, recording
         self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0

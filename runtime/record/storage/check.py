@@ -106,7 +106,8 @@ class Check:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout, self.gaps, self.chunks, self.count = layout, [], [], 0
+        self.layout, self.gaps = layout, []
+        self.chunks, self.count = [], 0
         self.indices: list[tuple[int, int]] = []
         self.last: int | None = None  # complete tick
         self.begin()

@@ -14,21 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.record.storage.mcap_file import (
-    CHUNK_HEAD,
-    HEAD,
-    INDEX,
-    MESSAGE,
-    MESSAGE_REST,
-    ZSTD,
-    reserved_record,
-    stamps_of,
-)
+from runtime.record.storage.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD, head_space, stamps_of
 from runtime.record.storage.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA
 from runtime.record.storage.zstd_stream import decode
 
 FILE_RATIO_LIMIT, FILE_LIMIT_MINIMUM = 100, 16 << 20  # all chunks of a file: times its size, and at least these bytes
-ROOMS = {name: reserved_record(name) for name in ("", ZSTD)}  # what the head of a chunk replaces
+ROOMS = {name: head_space(name) for name in ("", ZSTD)}  # what the head of a chunk replaces
 STREAM = "zstd stream"  # compression of a chunk that was not completed, and may end anywhere
 # bytes of a message record, as a NumPy dtype
 MESSAGE_HEAD = [
@@ -270,7 +261,8 @@ def walked(plain: Any, only_messages: bool = False) -> Messages:
 
     only_messages : whether any other record ends them
     """
-    offsets, others, at, size = {}, [], 0, len(plain)
+    offsets, others = {}, []
+    at, size = 0, len(plain)
     head, message = HEAD.unpack_from, MESSAGE.unpack_from
     while at + HEAD.size <= size:
         kind, length = head(plain, at)

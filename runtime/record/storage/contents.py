@@ -117,7 +117,8 @@ def summarised(stream: Any, size: int) -> Contents | None:
     if found is None:
         return None
     start, summary = found
-    contents, attachments, indices, schemas = Contents(finished=True), [], [], {}
+    contents, attachments = Contents(finished=True), []
+    indices, schemas = [], {}
     copies = {OWN_HEADER} & {os.pread(stream.fileno(), len(OWN_HEADER), len(MAGIC))}  # of records without a checksum
     try:
         for _, kind, data in walk(io.BytesIO(summary), start):

@@ -56,10 +56,12 @@ class McapFile:
         from mcap.writer import MCAP0_MAGIC
 
         level = compression_level(compression)
-        self.file, self.builder, self.opcode, self.magic = file, RecordBuilder, Opcode, MCAP0_MAGIC
+        self.file, self.builder = file, RecordBuilder
+        self.opcode, self.magic = Opcode, MCAP0_MAGIC
         self.compression, self.compressor = ("", None) if level is None else (ZSTD, Compressor(level))
         self.kind = int(Opcode.MESSAGE)
-        self.schemas, self.channels, self.attachments, self.chunks = [], [], [], []
+        self.schemas, self.channels = [], []
+        self.attachments, self.chunks = [], []
         self.counts = {}  # messages of each channel
         self.first = self.last = None  # log time of all messages, ns
         self.start: Any = None  # position of the open chunk
@@ -137,7 +139,7 @@ class McapFile:
         """
         if self.start is None:
             self.begin_chunk(self.file.tell())
-            self.file.write(reserved_record(self.compression))
+            self.file.write(head_space(self.compression))
         self.add(data, index)
         if self.compressor is None:
             self.file.write(data)
@@ -151,7 +153,8 @@ class McapFile:
 
     def begin_chunk(self, start: int) -> None:
         """Begin an empty chunk. start : position of its head in the file"""
-        self.start, self.index, self.size, self.checksum = start, {}, 0, 0
+        self.start, self.index = start, {}
+        self.size, self.checksum = 0, 0
         self.stamps.clear()
 
     def add(self, data: bytes, index: dict[int, bytes]) -> None:
@@ -182,7 +185,7 @@ class McapFile:
         if self.start is not None and self.size:
             self.stamps.append((self.size, self.checksum))
             stored = self.file.tell() - self.start - CHUNK_HEADS[self.compression].size
-            head = reserved_record(self.compression, self.stamps[-1], self.stamps[0], stored)
+            head = head_space(self.compression, self.stamps[-1], self.stamps[0], stored)
             os.pwrite(self.file.descriptor, head, self.start)
 
     def end_chunk(self, is_followed: bool = False) -> None:
@@ -192,7 +195,7 @@ class McapFile:
         start = self.start
         if not self.size:
             self.start = None
-            self.file.take_back(reserved_record(self.compression))
+            self.file.take_back(head_space(self.compression))
             return
         if self.compressor is not None:
             self.compress()
@@ -202,7 +205,7 @@ class McapFile:
         self.write_indices()
         following = self.file.tell()
         if is_followed:
-            self.file.write(reserved_record(self.compression))
+            self.file.write(head_space(self.compression))
         self.file.flush()
         os.pwrite(self.file.descriptor, self.complete(end), start)
         if is_followed:
@@ -318,7 +321,7 @@ class McapFile:
         self.file.write(self.magic)
 
 
-def reserved_record(
+def head_space(
     compression: str, newest: tuple[int, int] = (0, 0), older: tuple[int, int] = (0, 0), stored: int = 0
 ) -> bytes:
     """Return the record that reserves space for the head of a chunk.

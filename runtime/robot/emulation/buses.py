@@ -53,9 +53,11 @@ class PlantBuses:
         machine: Machine | None = None,
         chips: Mapping[str, Sequence[tuple[I2cDevice, I2cDevice]]] | None = None,
     ) -> None:
-        self.rig, self.names, self.remarks, self.real = rig, list(names), [], []
+        self.rig, self.names = rig, list(names)
+        self.remarks, self.real = [], []
         self.locks, self.interfaces, self.servers, self.cans, problems = [], {}, [], {}, []
-        self.lines, self.bell, self.carrier, self.chips = None, -1, None, chips or {}
+        self.lines, self.bell = None, -1
+        self.carrier, self.chips = None, chips or {}
         self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP, I2C)]
         if self.carried:
             self.lines, self.bell = Lines(len(self.carried)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)

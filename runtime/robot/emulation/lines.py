@@ -51,7 +51,8 @@ class EmulatedLines:
         senders: dict[str, NetworkSender] | None = None,
         servers: dict[str, GpioServer] | None = None,
     ) -> None:
-        self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
+        self.streams, self.lines, self.paths = Streams(), {}, {}
+        self.kept, self.links = [], []
         self.senders: dict[str, NetworkSender] = senders or {}
         self.servers: dict[str, GpioServer] = servers or {}
         for name in names:

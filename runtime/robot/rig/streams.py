@@ -65,7 +65,8 @@ class StreamLines:
     """
 
     def __init__(self, devices: Sequence[StreamDevice]) -> None:
-        self.streams, self.lines, self.problems, self.closers, self.settings = None, {}, [], [], {}
+        self.streams, self.lines, self.problems = None, {}, []
+        self.closers, self.settings = [], {}
         if not devices:
             return
         self.streams = streams = Streams()

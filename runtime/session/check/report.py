@@ -123,7 +123,8 @@ def check(
     if rate is not None:
         diagram.rate = rate
     analysis = call_code_of_blocks(path, examine, diagram)
-    errors, plant, budget, overloads = list(analysis.errors), None, None, []
+    errors, plant = list(analysis.errors), None
+    budget, overloads = None, []
     schedule = None if errors else select_recorded(call_code_of_blocks(path, assemble, analysis))
     if schedule is not None:
         if rig_file is not None:

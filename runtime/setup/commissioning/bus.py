@@ -46,7 +46,8 @@ class ToolBus:
     """
 
     def __init__(self, bus: RigBus, machine: Machine | None = None) -> None:
-        self.bus, self.sent, self.refused, self.errors = bus, [], 0, 0
+        self.bus, self.sent = bus, []
+        self.refused, self.errors = 0, 0
         self.remarks = []
         if bus.interface in (*ONE_PROCESS, UDP, I2C):
             raise Refused(

@@ -42,7 +42,8 @@ class Simulated:
         seconds: float = 2.0,
         upper: bool = False,
     ) -> None:
-        self.make, self.ids, self.bitrate, self.seconds, self.upper = make, ids, bitrate, seconds, upper
+        self.make, self.ids, self.bitrate = make, ids, bitrate
+        self.seconds, self.upper = seconds, upper
         self.enables = False
         self.enables = self.run(SLOW, 2, FAST)[1].status == "no answer"
 
@@ -97,7 +98,8 @@ class OnRig:
         realtime: str = "try",
         say: Callable[[list[str]], object] = lambda lines: None,
     ) -> None:
-        self.make, self.ids, self.rig, self.seconds = make, ids, rig, seconds
+        self.make, self.ids = make, ids
+        self.rig, self.seconds = rig, seconds
         self.confirmed, self.realtime, self.say = confirmed, realtime, say
 
     def __call__(self, rate: float) -> Step:

@@ -22,7 +22,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from graph import Block, Diagram, Input, Output, subsystem
-from runtime.record.storage.mcap_file import CHUNK, HEAD, INDEX, MESSAGE, reserved_record
+from runtime.record.storage.mcap_file import CHUNK, HEAD, INDEX, MESSAGE, head_space
 from tests.runtime.record.recorder.running import (
     CSV,
     columns,
@@ -279,7 +279,7 @@ def unfinished(data):
     for index in chunks(bytes(data)):
         checksum = int.from_bytes(data[index.chunk_start_offset + 33 :][:4], "little")
         stamp = (index.uncompressed_size, checksum)
-        room = reserved_record(index.compression, stamp, stamp, index.compressed_size)
+        room = head_space(index.compression, stamp, stamp, index.compressed_size)
         data[index.chunk_start_offset : index.chunk_start_offset + len(room)] = room
     return bytes(data)
 

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 import runtime
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.record.export import convert
-from runtime.record.storage.mcap_file import CHUNK_HEADS, reserved_record
+from runtime.record.storage.mcap_file import CHUNK_HEADS, head_space
 from runtime.record.storage.records import walk
 from runtime.record.storage.repair import RepairFailed, finish
 from tests.runtime.record.recorder.rerun.test_rerun import program
@@ -75,7 +75,7 @@ def killed(data, cut, older=None):
     cuts = [cut, older or cut]
     sizes = [max(at for at, _, _ in walk(io.BytesIO(data[begin : len(data) + cut]), 0)) for cut in cuts]
     newest, first = ((size, zlib.crc32(data[begin : begin + size])) for size in sizes)
-    room = reserved_record("", newest, first, newest[0])
+    room = head_space("", newest, first, newest[0])
     return data[: index.chunk_start_offset] + room + data[begin : begin + newest[0]]
 
 

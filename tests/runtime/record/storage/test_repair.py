@@ -27,7 +27,7 @@ from cext.recording.ring_batch import read as read_ring
 from runtime.host.errors import BadInput
 from runtime.record.recorder.part import Recording
 from runtime.record.storage import mcap_file
-from runtime.record.storage.mcap_file import CHUNK_HEADS, HEAD, STREAM, reserved_record
+from runtime.record.storage.mcap_file import CHUNK_HEADS, HEAD, STREAM, head_space
 from runtime.record.storage.records import A_CHUNK, A_MESSAGE, MAGIC, walk
 from runtime.record.storage.repair import Backlog, Repair, RepairFailed
 from runtime.record.storage.zstd_stream import BLOCK_LIMIT, decode, raw_blocks
@@ -325,7 +325,7 @@ def test_repair_keeps_everything_that_was_read_of_an_open_chunk(tmp_path, monkey
     at = found[-6] + shift
     content[at : at + len(replacement)] = replacement
     path, whole = tmp_path / "cut.mcap", runtime.load(tmp_path / "long.mcap").rows
-    path.write_bytes(data[:begin] + reserved_record("zstd") + frame[: ends[0][0]] + raw_blocks(bytes(content)))
+    path.write_bytes(data[:begin] + head_space("zstd") + frame[: ends[0][0]] + raw_blocks(bytes(content)))
     rows = checked_rows(path)
     assert 28 < len(rows) < 32 and (rows == whole[: len(rows)]).all()
     try:
