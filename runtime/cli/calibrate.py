@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli.parsing import Parser, add_options
+from runtime.cli.parsing import Parser, add_number, add_options
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted, handled
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
-from runtime.host.options import number
 from runtime.host.replaced_file import replaced, write
 from runtime.session.request import Request
 
@@ -54,11 +53,13 @@ def main(arguments: Sequence[str]) -> int:
         metavar="PARTS",
         help="calibrate only these: gyroscope,accelerometer,magnetometer",
     )
-    parser.add_argument(
+    add_number(
+        parser,
         "--duration",
-        type=number("--duration", "seconds", DURATION_LIMIT),
-        metavar="S",
-        help="duration (default: 60 in simulation; on a rig until all parts are calibrated, at most 120)",
+        "seconds",
+        "S",
+        "duration (default: 60 in simulation; on a rig until all parts are calibrated, at most 120)",
+        maximum=DURATION_LIMIT,
     )
     parser.add_argument(
         "--out", type=Path, default=Path("calibration"), metavar="DIR", help="output folder (default: calibration)"

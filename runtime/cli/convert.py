@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from runtime.cli.parsing import Parser
+from runtime.cli.parsing import Parser, add_number
 from runtime.cli.reading import read
 from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.optional_dependencies import MissingExtra
-from runtime.host.options import number
 from runtime.host.suggestions import suggestion
 from runtime.record.analysis.trial import Trial
 from runtime.record.export import FORMATS, OPENSIM, convert, opensim
@@ -37,12 +36,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--opensim", action="store_true", help="write .sto with all signals and .mot with the joint angles"
     )
-    parser.add_argument(
-        "--rate",
-        type=number("--rate", "Hz"),
-        metavar="HZ",
-        help="resample to this rate, with the interpolation of each kind of signal",
-    )
+    add_number(parser, "--rate", "Hz", "HZ", "resample to this rate, with the interpolation of each kind of signal")
     parser.add_argument(
         "--names",
         type=Path,

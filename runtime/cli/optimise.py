@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.cli.parsing import Parser, add_options, fields_of, instance
+from runtime.cli.parsing import Parser, add_count, add_number, add_options, fields_of, instance
 from runtime.host.console.terminal import print_lines, print_to_stderr, program
 from runtime.host.errors import OK, BadInput
-from runtime.host.options import number, settings, whole_number
+from runtime.host.options import settings
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -58,43 +58,21 @@ def main(arguments: Sequence[str]) -> int:
         "=0:1:0.5 begins at 0.5 (default: the value in the diagram). May be repeated",
     )
     own.add_argument("--cost", required=True, metavar="SOURCE", help="cost to minimise, see below")
-    own.add_argument(
-        "--settle",
-        type=number("--settle", "seconds"),
-        default=SETTLE,
-        metavar="S",
-        help=f"wait after each change before the measurement (default: {SETTLE:g})",
-    )
-    own.add_argument(
-        "--measure",
-        type=number("--measure", "seconds"),
-        default=MEASURE,
-        metavar="S",
-        help=f"duration of each measurement (default: {MEASURE:g})",
-    )
-    own.add_argument(
+    add_number(own, "--settle", "seconds", "S", "wait after each change before the measurement", default=SETTLE)
+    add_number(own, "--measure", "seconds", "S", "duration of each measurement", default=MEASURE)
+    add_number(
+        own,
         "--time-constant",
-        type=number("--time-constant", "seconds"),
-        metavar="S",
-        help="fit samples as a first-order response (default: 42 for a cart; the mean for a signal)",
+        "seconds",
+        "S",
+        "fit samples as a first-order response (default: 42 for a cart; the mean for a signal)",
     )
     own.add_argument(
         "--strides", metavar="SIGNAL", help="average a signal over whole strides of this gait phase, from 0 to 1"
     )
     own.add_argument("--optimiser", default="cma", metavar="NAME", help="cma (default), bayesian or random")
-    own.add_argument(
-        "--population",
-        type=whole_number("--population", minimum=2),
-        metavar="N",
-        help="evaluations of a generation (default: the optimiser's own)",
-    )
-    own.add_argument(
-        "--generations",
-        type=whole_number("--generations"),
-        default=GENERATIONS,
-        metavar="N",
-        help=f"number of generations (default: {GENERATIONS})",
-    )
+    add_count(own, "--population", "evaluations of a generation (default: the optimiser's own)", minimum=2)
+    add_count(own, "--generations", "number of generations", default=GENERATIONS)
     own.add_argument(
         "--largest-step",
         action="append",
@@ -102,19 +80,20 @@ def main(arguments: Sequence[str]) -> int:
         metavar="NAME=VALUE",
         help="limit the change of a parameter from one proposal to the next. May be repeated",
     )
-    own.add_argument(
+    add_count(
+        own,
         "--optimiser-seed",
-        type=whole_number("--optimiser-seed", 2**53, 0),
+        "seed of the optimiser and of the order of validation trials",
         default=0,
-        metavar="N",
-        help="seed of the optimiser and of the order of validation trials (default: 0)",
+        maximum=2**53,
+        minimum=0,
     )
-    own.add_argument(
+    add_count(
+        own,
         "--validate",
-        type=whole_number("--validate", minimum=0),
+        "at the end, measure the found and the initial parameters N times each, in random order",
         default=0,
-        metavar="N",
-        help="at the end, measure the found and the initial parameters N times each, in random order (default: 0)",
+        minimum=0,
     )
     own.add_argument(
         "--zero",

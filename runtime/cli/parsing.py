@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import textwrap
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from runtime.host.console.terminal import exit_code, print_lines, program
 from runtime.host.errors import BadInput
-from runtime.host.options import whole_number
+from runtime.host.options import number, whole_number
 from runtime.host.suggestions import unknown_option
 
 if TYPE_CHECKING:
@@ -111,6 +112,25 @@ class Parser(argparse.ArgumentParser):
         elif "arguments are required: " in message:
             message = f"missing argument {message.rpartition('required: ')[2].partition(',')[0]}"
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
+
+
+def add_number(
+    to: Any, flag: str, unit: str, metavar: str, text: str, default: float | None = None, maximum: float = math.inf
+) -> None:
+    """Add an option whose value is a number above 0. text : help, to which the default is added
+
+    to : Parser, or a group of its options
+    """
+    text += "" if default is None else f" (default: {default:g})"
+    to.add_argument(flag, type=number(flag, unit, maximum), default=default, metavar=metavar, help=text)
+
+
+def add_count(
+    to: Any, flag: str, text: str, default: int | None = None, maximum: float = math.inf, minimum: int = 1
+) -> None:
+    """Add an option whose value is a whole number. Arguments as for `add_number`."""
+    text += "" if default is None else f" (default: {default})"
+    to.add_argument(flag, type=whole_number(flag, maximum, minimum), default=default, metavar="N", help=text)
 
 
 def add_options(parser: Parser, kind: type[Any], *names: str, in_sections: bool = False, **changes: Any) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graph.budget import frame_bits
-from runtime.cli.parsing import Parser, add_options
+from runtime.cli.parsing import Parser, add_number, add_options
 from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
@@ -111,20 +111,8 @@ def parse(arguments: Sequence[str]) -> Namespace:
         metavar="N",
         help="number of actuators, or a range: 8, 1..8 (default: 1..8)",
     )
-    parser.add_argument(
-        "--low",
-        type=number("--low", "Hz"),
-        default=LOWEST_RATE,
-        metavar="HZ",
-        help=f"lowest rate of the search (default: {LOWEST_RATE:g})",
-    )
-    parser.add_argument(
-        "--high",
-        type=number("--high", "Hz", 1e5),
-        default=HIGHEST_RATE,
-        metavar="HZ",
-        help=f"highest rate of the search (default: {HIGHEST_RATE:g})",
-    )
+    add_number(parser, "--low", "Hz", "HZ", "lowest rate of the search", default=LOWEST_RATE)
+    add_number(parser, "--high", "Hz", "HZ", "highest rate of the search", default=HIGHEST_RATE, maximum=1e5)
     parser.add_argument(
         "--resolution",
         type=number("--resolution", "Hz"),
@@ -132,11 +120,8 @@ def parse(arguments: Sequence[str]) -> Namespace:
         metavar="HZ",
         help=f"resolution of the search (default: {RESOLUTION:g}, as in the paper)",
     )
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 3600.0),
-        metavar="S",
-        help=f"duration of each step (default: {STEP_DURATION:g})",
+    add_number(
+        parser, "--seconds", "seconds", "S", f"duration of each step (default: {STEP_DURATION:g})", maximum=3600.0
     )
     parser.add_argument(
         "--paper", action="store_true", help="steps of 60 s and a validation of 5 minutes, as in the paper"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from runtime.cli.parsing import add_count
 from runtime.host.errors import BadInput
-from runtime.host.options import whole_number
 from runtime.record.analysis.conditions import conditions
 
 if TYPE_CHECKING:
@@ -34,12 +34,7 @@ def add(parser: Parser) -> None:
         help="with --strides: strides between two times: seconds, start, end, or a mark, as in --between 'mark 1' end. "
         "May be repeated: each is a condition",
     )
-    parser.add_argument(
-        "--last",
-        type=whole_number("--last"),
-        metavar="N",
-        help="with --strides: the last N strides of each leg and condition",
-    )
+    add_count(parser, "--last", "with --strides: the last N strides of each leg and condition")
     parser.add_argument(
         "--per-kg",
         nargs="?",

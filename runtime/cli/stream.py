@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.families import example_models, families
 from runtime.cli.configure import drive_id
 from runtime.cli.move import add_model, model_of
-from runtime.cli.parsing import Parser, add_bus, add_options
+from runtime.cli.parsing import Parser, add_bus, add_number, add_options
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.options import TIME_LIMIT, number
@@ -86,19 +86,8 @@ def main(arguments: Sequence[str]) -> int:
 
 def add_showing(parser: Parser) -> None:
     """Add the options of rate, duration and viewers."""
-    parser.add_argument(
-        "--rate",
-        type=number("--rate", "Hz", RATE_LIMIT),
-        default=100.0,
-        metavar="HZ",
-        help="samples per second (default: 100)",
-    )
-    parser.add_argument(
-        "--duration",
-        type=number("--duration", "seconds", TIME_LIMIT),
-        metavar="S",
-        help="stop after S seconds (default: Ctrl-C)",
-    )
+    add_number(parser, "--rate", "Hz", "HZ", "samples per second", default=100.0, maximum=RATE_LIMIT)
+    add_number(parser, "--duration", "seconds", "S", "stop after S seconds (default: Ctrl-C)", maximum=TIME_LIMIT)
     add_options(
         parser,
         Request,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from runtime.cli.parsing import Parser
+from runtime.cli.parsing import Parser, add_count
 from runtime.experiments.optimisation import description, simulated
 from runtime.experiments.optimisation.description import Optimisation
 from runtime.experiments.studies.description import Study, described, read
@@ -14,7 +14,6 @@ from runtime.experiments.studies.run import journal_of, run
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted
 from runtime.host.errors import OK, BadInput
-from runtime.host.options import whole_number
 
 EPILOG = """\
 example of a study:
@@ -44,12 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="Parquet table (default: the name of the study)"
     )
-    parser.add_argument(
-        "--workers",
-        type=whole_number("--workers"),
-        metavar="N",
-        help="number of processes (default: one for each processor)",
-    )
+    add_count(parser, "--workers", "number of processes (default: one for each processor)")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this Dask scheduler: tcp://HOST:PORT")
     options = parser.parse_args(arguments)
     study = read(options.study, describe)

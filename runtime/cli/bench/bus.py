@@ -7,29 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
+from runtime.cli.parsing import Parser, add_count
 from runtime.host.errors import BadInput
-from runtime.host.options import whole_number
 from runtime.setup.bench.report import Report, machine, machine_lines, row, spread
 
 
 def measure_and_print(arguments: Sequence[str]) -> Report:
     """Measure, and print the table. Returns the Report."""
     parser = Parser("bench bus", "Measure the cost of a bus per tick, and the latency that the guardian adds.")
-    parser.add_argument(
-        "--rounds",
-        type=whole_number("--rounds"),
-        default=20_000,
-        metavar="N",
-        help="ticks on the native bus (default: 20000)",
-    )
-    parser.add_argument(
-        "--trips",
-        type=whole_number("--trips"),
-        default=200,
-        metavar="N",
-        help="round trips in each of ten chunks (default: 200)",
-    )
+    add_count(parser, "--rounds", "ticks on the native bus", default=20_000)
+    add_count(parser, "--trips", "round trips in each of ten chunks", default=200)
     add_options(parser)
     options = parser.parse_args(arguments)
     from runtime.setup.bench import bus

@@ -7,9 +7,8 @@ from pathlib import Path
 from types import ModuleType
 
 from runtime.cli.bench.options import add_options
-from runtime.cli.parsing import Parser
+from runtime.cli.parsing import Parser, add_number
 from runtime.host.errors import BadInput
-from runtime.host.options import number
 from runtime.setup.bench.report import Report
 
 FIGURES = ("missed", "invented", "median_ms", "p95_ms", "phase_rms_percent")
@@ -38,19 +37,15 @@ def measure_and_print(arguments: Sequence[str]) -> Report:
         metavar="LEG.KIND=NAME",
         help="name of a signal, such as left.thigh=left/hip.position; kinds: thigh, shank, knee, contact",
     )
-    parser.add_argument(
-        "--rate",
-        type=number("--rate", "Hz", 2000.0),
-        default=200.0,
-        metavar="HZ",
-        help="ticks per second (default: 200)",
-    )
-    parser.add_argument(
+    add_number(parser, "--rate", "Hz", "HZ", "ticks per second", default=200.0, maximum=2000.0)
+    add_number(
+        parser,
         "--noise",
-        type=number("--noise", "rad", 1.0),
+        "rad",
+        "RAD",
+        "standard deviation of white noise of angles; ten times as much per second for velocities",
         default=0.0,
-        metavar="RAD",
-        help="standard deviation of white noise of angles; ten times as much per second for velocities (default: 0)",
+        maximum=1.0,
     )
     add_options(parser)
     options = parser.parse_args(arguments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from runtime.host.options import number, whole_number
+from runtime.cli.parsing import add_count, add_number
 
 if TYPE_CHECKING:
     from runtime.cli.parsing import Parser
@@ -23,21 +23,11 @@ def add_options(
     seconds_limit : largest value of --seconds
     """
     if seconds is not None:
-        parser.add_argument(
-            "--seconds",
-            type=number("--seconds", "seconds", seconds_limit),
-            default=seconds,
-            metavar="S",
-            help=f"duration of each measurement (default: {seconds:g})",
+        add_number(
+            parser, "--seconds", "seconds", "S", "duration of each measurement", default=seconds, maximum=seconds_limit
         )
     if repeats is not None:
-        parser.add_argument(
-            "--repeats",
-            type=whole_number("--repeats"),
-            default=repeats,
-            metavar="N",
-            help=f"alternating measurements of each row (default: {repeats})",
-        )
+        add_count(parser, "--repeats", "alternating measurements of each row", default=repeats)
     if realtime:
         parser.add_argument(
             "--realtime",
