@@ -4,8 +4,9 @@ A thread of the bus executes the table (cext/lines/i2c.pyx); each reply becomes 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
+
+from msgspec import Struct
 
 from cext.kernels import no_io
 from graph import Device, Param
@@ -14,8 +15,7 @@ MUX, CHANNELS = 0x70, 8  # lowest address and number of channels of a TCA9548A
 EXTENDED_ID = True
 
 
-@dataclass(frozen=True)
-class Write:
+class Write(Struct, frozen=True):
     """Write of bytes to consecutive registers.
 
     register : first register
@@ -29,16 +29,14 @@ class Write:
     address: int | None = None
 
 
-@dataclass(frozen=True)
-class Read:
+class Read(Struct, frozen=True):
     """Read of `count` bytes from consecutive registers, starting at `register`."""
 
     register: int
     count: int
 
 
-@dataclass(frozen=True)
-class Transfer:
+class Transfer(Struct, frozen=True):
     """Combined transfer. Its reply is a frame: all bytes read, followed by `appended`.
 
     number : number below 15, part of the frame's identifier
@@ -52,8 +50,7 @@ class Transfer:
     address: int | None = None
 
 
-@dataclass(frozen=True)
-class Round:
+class Round(Struct, frozen=True):
     """Periodic sequence of transfers, one per period.
 
     period : s
@@ -65,8 +62,7 @@ class Round:
     settle: float = 0.0
 
 
-@dataclass(frozen=True)
-class Identity:
+class Identity(Struct, frozen=True):
     """Identification register of a chip. values : {byte: name}, compared under the mask"""
 
     register: int

@@ -6,10 +6,10 @@ import numbers
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from cext.user_text import repr_of
 from graph import hints
@@ -23,8 +23,7 @@ _scope: ContextVar[Scope | None] = ContextVar("tickwork_scope", default=None)
 _strays: ContextVar[list[Any] | None] = ContextVar("tickwork_strays", default=None)
 
 
-@dataclass(frozen=True)
-class Wire:
+class Wire(Struct, frozen=True):
     """A connection from a signal or a constant to an input."""
 
     source: Any  # a Signal, or a number or array
@@ -33,8 +32,7 @@ class Wire:
     where: Location | None
 
 
-@dataclass(frozen=True)
-class Scope:
+class Scope(Struct, frozen=True):
     """The diagram and subsystem to which new blocks belong, with its rate divisor and its conditions."""
 
     diagram: Diagram

@@ -149,9 +149,10 @@ def run(
     if plant_signals:
         raise BadInput("plant_signals: only a run in virtual time records signals of the plant")
     with _CheckedImports():
-        from runtime.session import own_process
+        from runtime.session.own_process import process_of
 
-    return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
+    given = {"rig": rig, "duration": duration, "plant": plant, "seed": seed, "rate": rate, **options}
+    return process_of(diagram, settings, **given).wait()
 
 
 @interruptible

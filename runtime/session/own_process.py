@@ -68,16 +68,8 @@ runtime.__main__.main(None)
 """
 
 
-def run(file: Any, settings: Any, plant: Any = None, **options: Any) -> Trial:
-    """Run a diagram file in a process of its own, and wait for its end. Arguments and errors: see runtime.run.
-
-    options : {field of Request: value}
-    """
-    return process_of(file, settings, plant, **options).wait()
-
-
 def process_of(file: Any, settings: Any, plant: Any = None, **options: Any) -> RunProcess:
-    """Start a run in a process of its own. Arguments and errors: see runtime.run."""
+    """Start a run in a process of its own. Arguments, errors: see runtime.run. options : {field of Request: value}"""
     if plant is not None:
         raise BadInput("plant: a run in real time has the plant of its diagram file: define plant(robot) there")
     if not isinstance(file, (str, os.PathLike)):

@@ -8,13 +8,13 @@ rotation changes the data.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from graph.names import suggestion
 
 
-@dataclass(frozen=True)
-class Setting:
+class Setting(Struct, frozen=True):
     """A setting that a sensor stores. command, reply : set and descriptor in one number; factory : its value"""
 
     command: int
@@ -91,8 +91,7 @@ FILTER = (0x8203, 0x8204, 0x8205, 0x8206, 0x820D, 0x820E, 0x8210, 0x8213, 0x821C
 MAGNETOMETER = (0x8006, 0x8010)
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(Struct, frozen=True):
     """A MicroStrain model.
 
     name, number : name and number of the model

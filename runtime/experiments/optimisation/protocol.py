@@ -148,10 +148,9 @@ class Protocol:
         self.accepted = dict(self.initial if accepted is None else accepted)
         self.validated = list(validated or ())
         self.errors: list[float] = []  # standard errors of the costs measured here
-        self.now, self.phase = 0.0, "start"
-        self.until, self.title = math.inf, ""
+        self.now, self.phase, self.until = 0.0, "start", math.inf
+        self.title, self.text, self.entered = "", "", False
         self.over, self.finished = False, False
-        self.text, self.entered = "", False
         self.question = 0
         self._pressed: str | None = None
         self._run = self._steps()
