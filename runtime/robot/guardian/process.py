@@ -38,6 +38,7 @@ from cext.safety.thresholds import (
     GUARDIAN_DEATH,
     GUARDIAN_LOOK_LIMIT,
     GUARDIAN_LOOK_PERIOD,
+    HANG_MINIMUM,
     HANG_REPORT_DELAY,
     STOP_ORPHANED,
     STOP_ROUND_MAXIMUM,
@@ -323,7 +324,7 @@ class Guardian:
         self.verdict = self.verdict or {
             "event": "guardian",
             "because": because,
-            "silent": silent * 1e-9,
+            "silent": max(silent, HANG_MINIMUM * (because == "hung")) * 1e-9,  # a block may have returned since
             "state": self.shared.state,
             "last_tick": self.shared.statistics()["last_tick"],
         }

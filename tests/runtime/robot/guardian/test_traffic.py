@@ -5,7 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
+import psutil
 import pytest
 
 from tests.runtime.robot.guardian.bus import Bus, guardian_of
@@ -65,30 +67,41 @@ TOLERANCE = 0.002  # s between the clock of the test and the times in the CAN lo
 
 def test_recorded_frames_have_the_time_of_the_wire_though_the_loop_and_the_guardian_are_late(bus, tmp_path):
     """The loop is 10 ms late in every fifth tick, and the guardian pauses for 20 ms after each frame."""
-    bus = bus
-    process = bus.start("--record", "out", "--can-log", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
-    bus.await_torque()
-    guardian, sent = guardian_of(process), []
-    for number in range(10):
-        guardian.send_signal(signal.SIGSTOP)
-        sent.append(time.time())
-        bus.send(0x500 + number, b"stamp")
-        time.sleep(0.02)
-        guardian.send_signal(signal.SIGCONT)
-        bus.listen(0.06)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
-    bus.listen(0.1)
-    assert process.returncode == 130, err
-    recorded = received_in(*(tmp_path / "out").glob("*.can.log"))
-    late = [recorded[0x500 + number, b"stamp".hex().upper()][0] - at for number, at in enumerate(sent)]
-    assert max(map(abs, late)) < TOLERANCE, late
+    for folder in ("first", "second", "third"):  # on a busy machine the pause can be long enough to end the run
+        process = bus.start("--record", folder, "--can-log", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
+        bus.await_torque()
+        sent = stamped(bus, guardian_of(process))
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+        bus.listen(0.1)
+        if process.returncode == 130:
+            break
+    assert process.returncode == 130, err[-2000:]
+    recorded = received_in(*(tmp_path / folder).glob("*.can.log"))
+    for number, (before, after) in enumerate(sent):
+        at = recorded[0x500 + number, b"stamp".hex().upper()][0]
+        assert before - TOLERANCE < at < after + TOLERANCE, (number, at - before, after - before)
     answers = [(frame.time, frame.identifier) for frame in bus.frames if frame.identifier < 3 and not frame.is_command]
     for motor in (1, 2):
         on_the_wire = [at for at, identifier in answers if identifier == motor]
         times = sorted(at for (identifier, _), found in recorded.items() if identifier == motor for at in found)
         apart = [min(abs(at - other) for other in on_the_wire) for at in times]
         assert len(times) > 30 and max(apart) < TOLERANCE, max(apart)
+
+
+def stamped(bus, guardian):
+    """Send ten frames, each while the guardian stands still. Returns s of the wall clock before and after each."""
+    times = []
+    for number in range(10):
+        with suppress(psutil.NoSuchProcess):
+            guardian.send_signal(signal.SIGSTOP)
+            before = time.time()
+            bus.send(0x500 + number, b"stamp")
+            times.append((before, time.time()))
+            time.sleep(0.02)
+            guardian.send_signal(signal.SIGCONT)
+        bus.listen(0.06)
+    return times
 
 
 def received_in(log):
