@@ -61,7 +61,6 @@ _SPELLINGS = {
     "radians": "rad",
     "ohm": "Ω",
     "Nm": "N·m",
-    "g0": "g0",
 }
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _TO_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -94,6 +93,8 @@ def parse(unit: str) -> tuple[tuple[str, int], ...]:
         if not match:
             raise ValueError(f"{unit!r} is not a unit")
         symbol, exponent = _symbol(match[1]), int(match[2] or 1)
+        if exponent == 0:  # such as g0, which would be a number without a unit
+            raise ValueError(f"{unit!r} is not a unit: its {symbol} has the exponent 0")
         if symbol == "N·m":
             for symbol in ("N", "m"):
                 exponents[symbol] = exponents.get(symbol, 0) + sign * exponent

@@ -8,13 +8,16 @@ from functools import cache
 
 import pytest
 
-from graph import Param
+from blocks import sinks
+from cext.schedule.outcome import STATUS, SURVIVED
+from graph import Param, Sink, units
 from runtime.cli.main import COMMANDS
 from runtime.experiments.studies import objectives
 from runtime.host.live import table
 from runtime.record.recorder import panel
 from runtime.robot.rig.battery import Battery
 from runtime.robot.rig.file import KEYS
+from runtime.session.request import Request
 from tests.checkout import ROOT
 from tests.docs.pages import NAMES
 
@@ -98,6 +101,35 @@ def test_declarations_of_a_parameter():
 def test_every_command_is_on_a_page():
     text = "".join((ROOT / name).read_text() for name in NAMES)
     assert [name for name in COMMANDS if not re.search(rf"python -m runtime {name}\b|`{name}`", text)] == []
+
+
+def test_every_option_of_run_is_on_a_page():
+    text = "".join((ROOT / name).read_text() for name in NAMES)
+    flags = [flag for field in fields(Request) for flag in field.metadata.get("flags", ())[:1]]
+    options = [flag for flag in flags if flag.startswith("--") and flag != "--report"]  # of the package itself
+    assert [flag for flag in options if not re.search(rf"{flag}\b", text)] == []
+
+
+def test_every_fault_is_in_the_table_of_faults_and_provoked_by_a_test():
+    rows = re.findall(r"^\| `([^`]+)` \| .* \| (yes|no) \|$", section("reference/running", "Faults"), re.MULTILINE)
+    statuses = {name: number in SURVIVED for number, name in STATUS.items() if number}
+    assert dict(rows) == {name: "yes" if survived else "no" for name, survived in statuses.items()} | {
+        "kernel status N": "yes"
+    }
+    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name in statuses if f'"{name}"' not in tests] == []
+
+
+def test_every_unit_is_on_the_page_of_blocks():
+    [listed] = re.findall(r"with whole exponents: ([^.]+)\.", section("how_to/blocks", "Ports"))
+    assert re.findall(r"`([^`]+)`", listed) == list(units._BASE)
+
+
+def test_every_viewer_that_sends_signals_is_on_the_page_of_subjects_data():
+    text = (ROOT / "docs/how_to/subjects_data.md").read_text()
+    viewers = [name for name, kind in vars(sinks).items() if isinstance(kind, type) and issubclass(kind, Sink)]
+    viewers.remove("Sink")
+    assert "PlotJuggler" in viewers and [name for name in viewers if name not in text] == []
 
 
 @cache

@@ -105,6 +105,13 @@ def test_every_threshold_has_a_value_a_unit_and_a_meaning():
     assert all(each.unit in units and (each.value > 0 or each.unit == "°C") for each in table())
 
 
+def test_every_threshold_is_used():
+    folders = [ROOT / package for package in ("blocks", "cext", "graph", "runtime")]
+    files = [path for folder in folders for form in ("*.py", "*.pyx", "*.pxd") for path in folder.rglob(form)]
+    words = {word for path in files if path.stem != "thresholds" for word in re.findall(r"\w+", path.read_text())}
+    assert [each.name for each in table() if each.name not in words] == []
+
+
 def test_thresholds_are_consistent():
     """A run whose watchdog works is not taken for one that stalls; the guardian looks often enough to be believed
     alive.

@@ -147,4 +147,7 @@ def test_every_motion_and_torque_fault_reports_value_bound_and_remedy(tmp_path, 
 
 
 def test_every_fault_has_a_text():
-    assert fault.TEXTS.keys() | drive_faults.WORDS.keys() == set(STATUS.values()) - {"ok"}
+    texts = fault.TEXTS.keys() | drive_faults.WORDS.keys()
+    assert texts == set(STATUS.values()) - {"ok"}, (
+        "a text belongs to TEXTS of fault.py, of a monitor to drive_faults.WORDS"
+    )
