@@ -20,7 +20,8 @@ from libc.math cimport NAN, log, sqrt
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
+from cext.abi cimport OK, PERIOD
+from cext.status cimport RMS_TORQUE, TOO_HOT
 from cext.safety.motion_watch cimport (
     NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_jump, judge_motion, judge_uncommanded,
     judge_values, stiff,

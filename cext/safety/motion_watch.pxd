@@ -24,9 +24,10 @@ is sent, so that no acceleration is a fault.
 from libc.math cimport NAN, fabs, isfinite, isinf
 from libc.stdint cimport int64_t
 
-from cext.abi cimport (
-    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL,
-    POSITION_JUMP, SCALE_MISMATCH, UNCOMMANDED_TORQUE,
+from cext.abi cimport AUTHORITY, OK
+from cext.status cimport (
+    BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OVERSPEED, OVER_TRAVEL, POSITION_JUMP,
+    SCALE_MISMATCH, UNCOMMANDED_TORQUE,
 )
 from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond, velocity_noise
 from cext.safety.jump_watch cimport Jump, forget_jump, is_jump

@@ -11,7 +11,8 @@
 
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport NO_ANSWER, OK, PERIOD, PYTHON_ERROR, UNCLEAR_POSE
+from cext.abi cimport OK, PERIOD
+from cext.status cimport NO_ANSWER, PYTHON_ERROR, UNCLEAR_POSE
 from cext.schedule.devices cimport Blame
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes, record_request

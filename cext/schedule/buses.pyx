@@ -5,7 +5,8 @@ from libc.stdint cimport uint8_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
-from cext.abi cimport BUS_ERROR, FENCED, OK
+from cext.abi cimport OK
+from cext.status cimport BUS_ERROR, FENCED
 from cext.atomics cimport load_i32_in_order, store_i32, store_i32_in_order
 from cext.bus.memory_bus cimport BusEnd
 from cext.memory.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve

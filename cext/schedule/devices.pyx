@@ -13,10 +13,10 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
 from cext.abi cimport (
-    ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ERROR_FRAME, ESTOP, FOREIGN, FOREIGN_COMMAND,
-    FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, IDLE, MALFORMED, OK, PERIOD, PRESSED,
-    SILENT, TAKEN, TICK, TWIN, TWO_DEVICES,
+    ANSWERED, AUTHORITY, COMMANDED, DT, ERROR_FRAME, ESTOP, FOREIGN, FRAME_BYTES, FRAMES_PER_BATCH,
+    FRAMES_PER_DEVICE, FRAMES_PER_TICK, IDLE, MALFORMED, OK, PERIOD, PRESSED, TAKEN, TICK, TWIN,
 )
+from cext.status cimport BUS_ERROR, DEVICE_FAULT, FOREIGN_COMMAND, HUNG, SILENT, TWO_DEVICES
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
 from cext.clock.stopwatch cimport COMMAND, lap

@@ -4,9 +4,8 @@
 from libc.math cimport NAN, fabs, isfinite
 from libc.stdint cimport int64_t
 
-from cext.abi cimport (
-    HUNG, IMPLAUSIBLE, OK, OVERSPEED, OVER_TRAVEL, PERIOD, POWER_LOSS, TICK, TOO_HOT, UNCLEAR_POSE,
-)
+from cext.abi cimport OK, PERIOD, POWER_LOSS, TICK
+from cext.status cimport HUNG, IMPLAUSIBLE, OVERSPEED, OVER_TRAVEL, TOO_HOT, UNCLEAR_POSE
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched

@@ -2,7 +2,8 @@
 
 from libc.stdint cimport int64_t
 
-from cext.abi cimport IMPLAUSIBLE, OK, TICK, Frame
+from cext.abi cimport OK, TICK, Frame
+from cext.status cimport IMPLAUSIBLE
 from cext.safety.drive_state cimport ACTIVE
 from cext.safety.drive_watch cimport DriveWatch
 from cext.safety.motion_watch cimport POSITION, blame

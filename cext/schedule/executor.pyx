@@ -22,7 +22,8 @@ from dataclasses import replace
 from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
-from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
+from cext.abi cimport AUTHORITY, OK
+from cext.status cimport NO_ANSWER, OVERRUN, UNGUARDED
 from cext.atomics cimport store_i32_relaxed
 from cext.safety.forks cimport begin_run
 from cext.safety.fatal cimport give_back_fatal, take_fatal

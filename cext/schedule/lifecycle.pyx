@@ -8,9 +8,8 @@ import sys
 
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport (
-    AUTHORITY, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, NO_ANSWER, OK, OVERRUN, PYTHON_ERROR, SILENT, SUSPENDED, UNGUARDED
-)
+from cext.abi cimport AUTHORITY, ESTOP, FIRST_OWN_STATUS, OK
+from cext.status cimport FENCED, HUNG, NO_ANSWER, OVERRUN, PYTHON_ERROR, SILENT, SUSPENDED, UNGUARDED
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
 from cext.ring.mailbox cimport REARM

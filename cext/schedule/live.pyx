@@ -11,7 +11,8 @@ from libc.math cimport INFINITY, floor
 from libc.stdint cimport uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 
-from cext.abi cimport OK, PYTHON_ERROR
+from cext.abi cimport OK
+from cext.status cimport PYTHON_ERROR
 from cext.atomics cimport store_u64
 from cext.ring.mailbox cimport (
     AGAINST_RULE, BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, SET, STOP, TAKEN, UNKNOWN, Change, answer,

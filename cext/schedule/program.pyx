@@ -18,7 +18,8 @@ from libc.string cimport memcpy
 from cext.fused.join cimport Code
 from cext.fused.locate cimport CodeMap
 from cext.safety.forks cimport is_child, leave
-from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, PYTHON_ERROR
+from cext.abi cimport DT, LATENESS, OK, PERIOD
+from cext.status cimport HUNG, PYTHON_ERROR
 from cext.atomics cimport store_i32_relaxed, store_i64
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add

@@ -8,7 +8,8 @@ from libc.string cimport memcpy, memset
 
 import numpy as np
 
-from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, PROGRAM_SILENT, UNGUARDED, Frame
+from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, Frame
+from cext.status cimport FENCED, PROGRAM_SILENT, UNGUARDED
 from cext.clock.histogram cimport Histogram
 from cext.memory.robust_mutex cimport find_dead
 from cext.ring.mailbox cimport CHANGES, LETTERS, Change

@@ -3,7 +3,8 @@
 
 from libc.stdlib cimport calloc, free
 
-from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, REAL_TIME, TICK, TIME, WAKE
+from cext.abi cimport DT, LATENESS, OK, PERIOD, REAL_TIME, TICK, TIME, WAKE
+from cext.status cimport HUNG
 from cext.atomics cimport store_i32_relaxed
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes
