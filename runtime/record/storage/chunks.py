@@ -296,9 +296,7 @@ class ExpansionLimit:
             limit = (
                 f"{CHUNK_LIMIT >> 20} MiB" if size > CHUNK_LIMIT else f"{self.limit >> 20} MiB for a file of this size"
             )
-            raise TooLarge(
-                f"has a compressed chunk of {size} bytes, above the limit of {limit}, and is read up to there"
-            )
+            raise TooLarge(f"has a compressed chunk of {size} bytes, above the limit of {limit}, which is not read")
         self.left -= size
 
 

@@ -105,11 +105,12 @@ class Reader:
         """
         if "contents" in self.__dict__:
             return
-        contents, chunks, check = self.found, self.found.chunks, Check(self.layout)
-        gaps, (count, refused) = list(contents.gaps), admitted(chunks, self.size)
+        contents, check = self.found, Check(self.layout)
+        chunks, others, refused = admitted(contents.chunks, self.size)
+        gaps = sorted([*contents.gaps, *others])
         with open(self.path, "rb", buffering=0) as stream:
             found = read_ahead.ahead(
-                lambda chunk: self.inspected(stream.fileno(), chunk), chunks[:count], lambda chunk: chunk.size
+                lambda chunk: self.inspected(stream.fileno(), chunk), chunks, lambda chunk: chunk.size
             )
             for number, (chunk, content) in enumerate(zip(chunks, found)):
                 progress(number / len(chunks))
@@ -360,19 +361,23 @@ class Reader:
         return low
 
 
-def admitted(chunks: list[Chunk], size: int) -> tuple[int, str]:
-    """Return (how many of the chunks are read, why not the others as the end of a sentence).
+def admitted(chunks: list[Chunk], size: int) -> tuple[list[Chunk], list[tuple[int, int]], str]:
+    """Return (chunks that are read, places of the others, why not the first of these as the end of a sentence).
+
+    A wrong byte can make a chunk declare any size.
 
     size : size of the file, in bytes
     """
-    expansion = ExpansionLimit(size)
-    for number, chunk in enumerate(chunks):
+    expansion, read, others, reasons = ExpansionLimit(size), [], [], []
+    for chunk in chunks:
         try:
             if chunk.compression:
                 expansion.admit(chunk.size)
+            read.append(chunk)
         except TooLarge as error:
-            return number, str(error)
-    return len(chunks), ""
+            others.append((chunk.at, chunk.end))
+            reasons.append(str(error))
+    return read, others, reasons[0] if reasons else ""
 
 
 def placed(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:

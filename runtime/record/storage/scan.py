@@ -11,17 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from runtime.host.errors import BadInput
-from runtime.record.storage.chunks import (
-    CHUNK_LIMIT,
-    ROOMS,
-    Chunk,
-    ExpansionLimit,
-    Messages,
-    TooLarge,
-    head_of,
-    load,
-    walked,
-)
+from runtime.record.storage.chunks import CHUNK_LIMIT, ROOMS, Chunk, ExpansionLimit, Messages, head_of, load, walked
 from runtime.record.storage.chunks import STREAM as STREAM_OF_ZSTD
 from runtime.record.storage.contents import OWN_HEADER, Contents, summary_in, unprotected_damages
 from runtime.record.storage.json_text import DEPTH_LIMIT, TooDeep
@@ -109,7 +99,6 @@ class Scan:
         self.is_unfinished = False  # whether the last chunk was not completed, and has all messages of its last flush
         self.is_damaged = False  # whether messages of a chunk without a head are not those of its checksum
         self.is_over = False  # whether the end of the data was reached
-        self.refused = ""  # why the rest of the file is not read
         begin = zip(self.bytes_at(0, len(MAGIC)), MAGIC)
         at = len(MAGIC) if sum(byte == right for byte, right in begin) >= MAGIC_MATCHES else 0
         first = at + self.length_of_header() if at else 0
@@ -121,9 +110,6 @@ class Scan:
             self.good = self.at = at
             try:
                 following = self.record(at)
-            except TooLarge as error:
-                self.refused = str(error)
-                break
             except (McapError, *DAMAGE):
                 following = None
             chunks = self.contents.chunks
@@ -361,8 +347,6 @@ class Scan:
                     messages = load(self.descriptor, chunk)
                 for kind, body in messages.others:
                     self.take(kind, body)
-            except TooLarge:
-                raise
             except DAMAGE:
                 pass  # the check of chunks reports it
         contents.chunks.append(chunk)
@@ -371,8 +355,6 @@ class Scan:
         """Return the problem with the file, in one line; "" without one. Gaps are not part of it."""
         contents, path = self.contents, self.path
         if not contents.finished:
-            if self.refused:
-                return f"{path} {self.refused}"
             if self.is_unfinished:
                 contents.is_unfinished = True
                 return f"{path} {UNFINISHED}"
