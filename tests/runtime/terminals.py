@@ -113,6 +113,15 @@ class Terminal:
         self.shown = b""
         os.write(self.master, keys)
 
+    def answer(self, key, then):
+        """Press a key that answers a question until it counts: one that may be from before the question does not.
+
+        then : pattern that is shown afterwards
+        """
+        self.press(key)
+        while self.wait_for(f"press it again|{then}")[0] == "press it again":
+            self.press(key)
+
     def look(self):
         """All that has been shown since keys were last pressed."""
         while select.select([self.master], [], [], 0)[0]:

@@ -49,13 +49,6 @@ def peaks(shared):
     return [target for _, target in shared.live_values()[0:6:3]]
 
 
-def answer(terminal, key, then):
-    """Press a key until it counts: on a busy machine it can be older than a consent may be."""
-    terminal.press(key)
-    while terminal.wait_for(f"press it again|{then}")[0] == "press it again":
-        terminal.press(key)
-
-
 @pytest.mark.hazard("H16e")
 def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path):
     profiles(tmp_path)
@@ -64,14 +57,14 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
         terminal.wait_for(r"initial parameters: profile.peak 6 N·m, profile.timing 0.44")
         terminal.wait_for("begin y applies, n skips")  # in the status line
         shared = patient(lambda: shared_state_of(terminal.process.pid))
-        answer(terminal, b"y", "proposal 1 of 6: profile.peak 6 N·m to ")
+        terminal.answer(b"y", "proposal 1 of 6: profile.peak 6 N·m to ")
         assert peaks(shared) == [6.0, 6.0]
         terminal.wait_for("1/6 y applies, n skips")
-        answer(terminal, b"y", r"evaluation 1 of 6: [0-9.]+ .*W; lowest ")
+        terminal.answer(b"y", r"evaluation 1 of 6: [0-9.]+ .*W; lowest ")
         assert peaks(shared)[0] == peaks(shared)[1] != 6.0
         accepted = peaks(shared)
         terminal.wait_for("2/6 y applies, n skips")
-        answer(terminal, b"n", "2/6 skipped: the accepted parameters are restored")
+        terminal.answer(b"n", "2/6 skipped: the accepted parameters are restored")
         terminal.wait_for("proposal 2 of 6: ")
         os.kill(optimiser_of(terminal.process), signal.SIGSTOP)
         terminal.press(b" ")

@@ -115,7 +115,7 @@ class Bus:
                     return self.frames[-1]
         return None
 
-    def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive="", **how):
+    def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive=PATIENT, **how):
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
         self.runs.append(

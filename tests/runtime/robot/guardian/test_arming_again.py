@@ -54,13 +54,11 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
     terminal.wait_for("press r to arm again")
     shown = terminal.look()
     assert WAITS in shown and "FAULT at left/knee, tick 60 (0.3 s): a command is NaN or infinite" in shown
-    terminal.press(b"r")
-    terminal.wait_for("not armed again, the cause persists: left/knee: a command is NaN or infinite")
+    terminal.answer(b"r", "not armed again, the cause persists: left/knee: a command is NaN or infinite")
     terminal.wait_for("waiting .* r arms again, space ends")
     bus.listen(1.5)  # until tick 300 has passed
     assert bus.commands(1)[-1].data != ENABLE and set(between(bus, 1)) <= {NOTHING, DISABLE}
-    terminal.press(b"r")
-    terminal.wait_for("arming again at tick")
+    terminal.answer(b"r", "arming again at tick")
     bus.await_torque()
     bus.listen(0.8)
     terminal.press(b" ")
@@ -107,15 +105,13 @@ def test_only_the_operator_arms_recovered_drives_again(bus, terminal, begin, end
     bus.drives.send_signal(begin)
     terminal.wait_for("press r to arm again")
     assert words in terminal.look()
-    terminal.press(b"r")
-    terminal.wait_for(rf"not armed again, the cause persists: (left|right)/knee: {words.split(' (')[0]}")
+    terminal.answer(b"r", rf"not armed again, the cause persists: (left|right)/knee: {words.split(' (')[0]}")
     bus.drives.send_signal(end)
     bus.listen(0.3)
     # the cause is gone, and nobody has asked:
     assert all(set(between(bus, motor)) <= {NOTHING, DISABLE} for motor in bus.motors)
     assert all(bus.commands(motor)[-1].data == DISABLE for motor in bus.motors)  # nothing has been enabled
-    terminal.press(b"r")
-    terminal.wait_for("arming again at tick")
+    terminal.answer(b"r", "arming again at tick")
     bus.await_torque()
     for motor in bus.motors:
         assert set(between(bus, motor)) <= {NOTHING, DISABLE} and after(bus, motor)[0] == ENABLE
@@ -141,8 +137,7 @@ def test_waiting_run_is_not_rearmed_after_sigstop_and_sigcont(bus, terminal):
 def test_a_loop_that_is_stopped_while_it_arms_again_is_fenced_for_good(bus, terminal):
     under_torque(bus, terminal, "--no-record", law=NAN.replace("300", "61"))
     terminal.wait_for("press r to arm again")
-    terminal.press(b"r")
-    terminal.wait_for("arming again at tick")
+    terminal.answer(b"r", "arming again at tick")
     bus.await_torque()
     stopped = time.time()
     os.kill(terminal.process.pid, signal.SIGSTOP)

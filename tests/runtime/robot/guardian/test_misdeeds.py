@@ -137,8 +137,8 @@ def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_blo
     ],
 )
 def test_a_run_ends_as_usual_whatever_limit_a_block_has_lowered(bus, deed, tmp_path):
-    process, out, _ = misled(bus, deed, "--duration", "0.5")
-    assert process.returncode == 0
+    process, out, err = misled(bus, deed, "--duration", "0.5")
+    assert process.returncode == 0, err
     assert "zero torque, then disable: confirmed by left/knee, right/knee" in out
     assert Files(tmp_path / "out").sidecar["last_tick"] > 90
 

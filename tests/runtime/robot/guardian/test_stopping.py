@@ -15,7 +15,7 @@ from cext.memory.shared_state import SharedState
 from runtime.host.live.running import MEMORY
 from runtime.record.analysis.trial import Trial
 from tests.blocks.actuators import reference
-from tests.runtime.robot.guardian.bus import PATIENT, Bus, assert_nothing_is_left, family, guardian_of, is_torque
+from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of, is_torque
 from tests.runtime.robot.guardian.drives import AK10_9
 from tests.runtime.robot.guardian.test_carrying import suspend
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
@@ -260,7 +260,7 @@ def test_stop_follows_a_hundred_kills(tmp_path, victim, share):
     took = []
     for _ in range(100):
         with Bus(tmp_path, number=3) as bus:
-            process = bus.start("--no-record", drive=PATIENT)
+            process = bus.start("--no-record")
             bus.await_torque()
             killed = time.time()
             victim(process).kill()
@@ -274,7 +274,7 @@ def test_stop_follows_a_hundred_kills(tmp_path, victim, share):
 def test_kill_stop_at_any_moment(tmp_path):
     for moment in range(100):
         with Bus(tmp_path, number=4) as bus:
-            process = bus.start("--no-record", drive=PATIENT)
+            process = bus.start("--no-record")
             bus.await_torque()
             bus.listen(0.005 * moment / 100)
             stopped = time.time()
