@@ -65,12 +65,13 @@ def interrupt_between_imports(number: int, frame: "FrameType | None") -> None:
     """Raise KeyboardInterrupt, or send the signal once more after RETRY_PERIOD while a library is being imported."""
     if not imports_library(frame):
         raise KeyboardInterrupt
-    _thread.start_new_thread(_interrupt_later, (number,))
+    _thread.start_new_thread(_interrupt_later, (_thread.get_ident(), number))
 
 
-def _interrupt_later(number: int) -> None:
+def _interrupt_later(thread: int, number: int) -> None:
+    """Send a signal to the main thread: the flag of a loop is not for handlers in other threads."""
     time.sleep(RETRY_PERIOD)
-    _signal.raise_signal(number)
+    _signal.pthread_kill(thread, number)
 
 
 def imports_library(frame: "FrameType | None") -> bool:
