@@ -398,13 +398,14 @@ def optimise(
 
 def _refuse(options):
     """Raise BadInput for options of a run in real time."""
+    if not options:
+        return
     with _CheckedImports():
         from runtime.host.errors import BadInput
         from runtime.session.own_process import check_names
 
     check_names(options)
-    if options:
-        raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
+    raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
 
 
 def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):
