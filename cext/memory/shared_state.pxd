@@ -58,6 +58,8 @@ cdef struct SharedLayout:
     int32_t crashed             # number of a fatal signal of the control process; `hung` is then the item at that time
     int32_t at                  # stopwatch item that the loop executes, below 0: none
     int64_t asleep              # ns for which the computer had been suspended before the run began
+    int64_t pause_limit         # ns from the beat after which the loop was paused; 0: not judged
+    int64_t paused              # ns for which the loop was paused, with its guardian; 0 if it was not
     # drives that are taken out and not damped any more: bit k % 64 of word k / 64 for device k of the schedule
     uint64_t out[OUT_WORDS]
     pthread_mutex_t hold        # held by the loop's thread from before the guardian starts until after it has ended

@@ -36,6 +36,9 @@ cpdef enum:
     KEYS_UNTAKEN_LIMIT = 1000000000
     # ns: time for which the computer was suspended above which a run ends
     SUSPEND_LIMIT = 1000000
+    # ns: time between two ticks after which the loop itself ends a run with a guardian, in place of a guardian that was
+    #     paused with it; LOOP_STALL_PERIODS if that is longer
+    PAUSE_LIMIT = 100000000
     # replies: surplus of replies over the frames to a drive that shows two drives with one id; each frame removes a
     #     quarter of a reply
     TWIN_REPLIES = 10

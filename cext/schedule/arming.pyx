@@ -21,7 +21,8 @@ from cext.ring.operator cimport NO_CONSENT
 from cext.clock.deadline_clock cimport clock, monotonic, suspended_time
 from cext.memory.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
-from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
+from cext.safety.thresholds cimport (
+    ARM_HOLD, LOOP_STALL_PERIODS, PAUSE_LIMIT, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT)
 
 
 cdef class Arming:
@@ -37,6 +38,9 @@ cdef class Arming:
         self.layout.wall = clock(CLOCK_REALTIME) + self.clock.period
         self.layout.began = self.began
         self.layout.asleep = suspended_time()
+        self.layout.paused = self.layout.pause_limit = 0
+        if self.publisher.guard > 0 and not self.virtual:
+            self.layout.pause_limit = max(LOOP_STALL_PERIODS * self.clock.period, <int64_t>PAUSE_LIMIT)
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:
@@ -51,7 +55,7 @@ cdef class Arming:
         cdef bint looked = self.answered is not None or (self.replay is not None and self.replay.confirmed >= 0)
         cdef bint each = not looked and not self.control.devices.table.alone
         cdef int status
-        self.publisher.attend(monotonic())
+        self.publisher.beat(monotonic())
         self.publisher.set_state(ARMING)
         if self.control.devices.table.count == 0:
             return OK
@@ -310,11 +314,11 @@ cdef class Arming:
         self.control.devices.receive(now)
         self.control.devices.stop.begin(now)
         while self.control.devices.table.count > 0:
-            self.publisher.attend(monotonic())
+            self.publisher.beat(monotonic())
             self.publisher.make_room(True)
             while limit and self.publisher.guardian_stops(monotonic()):
                 # one sender at a time: begin again after it, without the damping
-                self.publisher.attend(monotonic())
+                self.publisher.beat(monotonic())
                 self.clock.sleep_until(monotonic() + round)
                 now = monotonic() - self.began
                 began, since = now - damping, damping

@@ -30,6 +30,7 @@ cdef class Publisher:
     cdef void ask(self) noexcept nogil
     cdef int32_t consent(self) noexcept nogil
     cdef bint fenced(self) noexcept nogil
+    cdef void beat(self, int64_t now) noexcept nogil
     cdef bint program_is_silent(self, int64_t now) noexcept nogil
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
     cdef bint guardian_is_late(self) noexcept nogil

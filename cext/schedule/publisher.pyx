@@ -134,16 +134,23 @@ cdef class Publisher:
     cdef bint fenced(self) noexcept nogil:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
 
+    cdef void beat(self, int64_t now) noexcept nogil:
+        """Record that the loop is alive. now : ns of CLOCK_MONOTONIC"""
+        if self.layout != NULL:
+            store_i64(&self.layout.beat, now)
+
     cdef int attend(self, int64_t now) noexcept nogil:
         """Record that the loop is alive, and return whether it may continue: OK, FENCED, UNGUARDED or
         PROGRAM_SILENT.
 
         now : ns of CLOCK_MONOTONIC
         """
+        cdef bint stopped
         if self.layout == NULL:
             return OK
-        store_i64(&self.layout.beat, now)
-        if self.fenced() or fence_after_suspend(self.layout):
+        stopped = self.fenced() or fence_after_suspend(self.layout)         # judged by the beat before this one
+        self.beat(now)
+        if stopped:
             return FENCED
         if self.guard > 0 and self.guardian_is_gone(now):
             return UNGUARDED
@@ -167,7 +174,7 @@ cdef class Publisher:
             - load_i64(&self.layout.guard) > self.guard // 2)
 
     cdef bint was_suspended(self) noexcept nogil:
-        """Return whether the computer was suspended in the middle of a run with a guardian."""
+        """Return whether the computer was suspended, or the loop paused, in the middle of a run with a guardian."""
         return self.layout != NULL and self.guard > 0 and suspended_since(self.layout) != 0
 
     cdef void raise_fence(self) noexcept nogil:
@@ -180,10 +187,12 @@ cdef class Publisher:
 
     cdef int attend_fenced(self, int64_t now) noexcept nogil:
         """Like `attend`, behind the loop's own fence: FENCED if another process has also raised it."""
+        cdef bint stopped
         if self.layout == NULL:
             return OK
-        store_i64(&self.layout.beat, now)
-        if load_i32(&self.layout.fence) == FENCED_FOR_GOOD or fence_after_suspend(self.layout):
+        stopped = load_i32(&self.layout.fence) == FENCED_FOR_GOOD or fence_after_suspend(self.layout)
+        self.beat(now)
+        if stopped:
             return FENCED
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from cext.safety.suspend import time_suspended
+from cext.safety.suspend import time_suspended, was_paused
 from cext.user_text import last_lines
 from graph import Device
 from graph.signal import Signal
@@ -239,10 +239,12 @@ def unguarded(result: RunResult) -> str:
 
 
 def suspended(result: RunResult) -> str:
-    """Return how long the computer was suspended, and the commands of the drives meanwhile."""
+    """Return how long the computer or the run was suspended, and the commands of the drives meanwhile."""
     seconds = 0.0 if result.shared is None else time_suspended(result.shared) * 1e-9
+    paused = result.shared is not None and was_paused(result.shared)
+    what = "every process of the run was paused" if paused else "the computer was suspended"
     return (
-        f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
+        f"{what} for {seconds:.1f} s. The drives kept their last command "
         "meanwhile, unless they have a time-out, and were stopped when it resumed"
     )
 

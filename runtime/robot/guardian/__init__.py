@@ -167,8 +167,8 @@ class GuardianProcess(ChildProcess):
     def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
-        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended" or
-            "cut off"; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended", "paused"
+            or "cut off"; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of
             devices
         troubles : {bus: reason it failed}
         died : how the process ended, if it ended early

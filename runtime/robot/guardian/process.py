@@ -33,7 +33,7 @@ from cext.clock import realtime
 from cext.memory.shared_state import RECORD_EVENT, SharedState
 from cext.ring.rings import Lines
 from cext.safety.owner_death import OwnerDeathWatcher
-from cext.safety.suspend import time_suspended
+from cext.safety.suspend import time_suspended, was_paused
 from cext.safety.thresholds import (
     GUARDIAN_DEATH,
     GUARDIAN_LOOK_LIMIT,
@@ -288,7 +288,7 @@ class Guardian:
             self.ordered = True
 
     def check_loop(self, now: int) -> None:
-        """Check the loop, and begin the safe stop if it has died, hangs, has stalled, is cut off or was suspended.
+        """Check the loop, and begin the safe stop if it has died, hangs, has stalled, is cut off, or was paused.
 
         now : ns of CLOCK_MONOTONIC
         """
@@ -301,7 +301,7 @@ class Guardian:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
         elif suspended := time_suspended(self.shared):
-            self.begin_stop("suspended", suspended, now)
+            self.begin_stop("paused" if was_paused(self.shared) else "suspended", suspended, now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
@@ -312,8 +312,8 @@ class Guardian:
     ) -> None:
         """Raise the fence and begin the safe stop.
 
-        because : "died", "hung", "suspended", "cut off", "stalled", or "unconfirmed" by the loop's own stop
-        silent : ns since the newest tick, or for which the computer was suspended
+        because : "died", "hung", "suspended", "paused", "cut off", "stalled", or "unconfirmed" by the loop's own stop
+        silent : ns since the newest tick, or for which the computer was suspended or the loop paused
         now : ns of CLOCK_MONOTONIC
         only : names of the devices to stop; None for all
         lasts : s for which it continues after it was reported
@@ -449,6 +449,7 @@ def _in_words(verdict):
         "died": f"the control process died{_cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
         "suspended": f"the computer was suspended for {verdict['silent']:.1f} s after {tick}",
+        "paused": f"every process of the run was paused for {verdict['silent']:.1f} s after {tick}",
         "cut off": f"the control process has closed its connection to the guardian after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
         "unconfirmed": f"the stop after {tick} was not confirmed by every actuator",

@@ -2,6 +2,8 @@
 
 import gc
 import os
+import signal
+import subprocess
 import time
 
 import pytest
@@ -9,6 +11,8 @@ import pytest
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from cext.memory.shared_state import SharedState
+from cext.safety.suspend import time_suspended, was_paused
+from cext.safety.thresholds import PAUSE_LIMIT
 from graph import Block, Input, Output
 from tests.cext.rigs import ends_in_the_safe_stop, one_drive
 
@@ -33,11 +37,11 @@ class Then(Block):
         return 1.0
 
 
-def guarded(action=lambda: None, tick=20, *, shared=None, **options):
+def guarded(action=lambda: None, tick=20, *, shared=None, virtual=True, **options):
     """One drive under a guardian that has just looked. action : called in a tick"""
     shared = shared or SharedState(1 << 20)
     law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
-    rig = one_drive(law, options={"shared": shared, "guard": GUARD, **options})
+    rig = one_drive(law, virtual=virtual, options={"shared": shared, "guard": GUARD, **options})
     shared.look_after(time.monotonic_ns())
     return rig
 
@@ -99,9 +103,27 @@ def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
 
 
 def test_a_guardian_that_stops_checking_ends_the_run():
-    rig = guarded(lambda: time.sleep(2.0 * GUARD))
+    rig = guarded(lambda: rig.shared.look_after(time.monotonic_ns() - round(2e9 * GUARD)))
     outcome = rig.run(200)
     assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig)
+
+
+@pytest.mark.hazard("H4d")
+def test_a_loop_that_was_paused_with_its_guardian_sends_no_further_command():
+    """The guardian resumes first, and grants the loop some time after its own delay."""
+    words = ["sh", "-c", f"read tick; sleep {1.5e-9 * PAUSE_LIMIT}; kill -CONT $PPID"]
+    resumer = subprocess.Popen(words, stdin=subprocess.PIPE)
+
+    def pause():
+        os.write(resumer.stdin.fileno(), b"20\n")
+        os.kill(os.getpid(), signal.SIGSTOP)
+        rig.shared.look_after(time.monotonic_ns())
+
+    rig = guarded(pause, virtual=False)
+    outcome = rig.run(200)
+    resumer.communicate()
+    assert (outcome.status, outcome.tick, len(rig.commands())) == ("suspended", 20, 20) and ends_in_the_safe_stop(rig)
+    assert was_paused(rig.shared) and rig.shared.fenced and time_suspended(rig.shared) > PAUSE_LIMIT
 
 
 def test_without_its_guardian_the_loop_sends_one_round_of_stop_frames():
