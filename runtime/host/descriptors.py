@@ -22,6 +22,15 @@ def identity(number: int) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
+def close(number: int, file: tuple[int, int] | None) -> None:
+    """Close a descriptor if it still has a file: a block may have closed it, or given its number to another file.
+
+    file : result of `identity` when it was opened
+    """
+    if file is not None and identity(number) == file:
+        os.close(number)
+
+
 class Descriptors:
     """Descriptors by their purpose, each with the file that it had when it was kept."""
 
@@ -59,6 +68,4 @@ class SpareDescriptors:
     def close(self) -> None:
         """Close those that are still held."""
         while self._numbers:
-            number = self._numbers.pop()
-            if identity(number) == self._file:
-                os.close(number)
+            close(self._numbers.pop(), self._file)

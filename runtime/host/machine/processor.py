@@ -9,6 +9,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Sequence
 
+from runtime.host.descriptors import close, identity
 from runtime.host.system import read
 
 
@@ -30,13 +31,13 @@ class Processor:
             except OSError:
                 self._name.close()
             else:
-                self.number = number
+                self.number, self._file = number, identity(self._name.fileno())
                 return
-        self.number = numbers[0]
+        self.number, self._file = numbers[0], None
 
     def close(self) -> None:
         """Release the processor."""
-        self._name.close()
+        close(self._name.detach(), self._file)
 
 
 def fastest_first(numbers: set[int], text_of: Callable[[str], str] = read) -> list[int]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from cext.clock import realtime as native
 from runtime.host.console.terminal import program
+from runtime.host.descriptors import close, identity
 from runtime.host.machine.memory import prefault
 from runtime.host.machine.processor import Processor, fastest_first
 from runtime.host.system import (
@@ -204,7 +205,7 @@ class Realtime:
         name = "awake processors"
         try:
             device = os.open(IDLE_DEVICE, os.O_WRONLY)
-            self._undo.callback(os.close, device)
+            self._undo.callback(close, device, identity(device))
             os.write(device, bytes(4))
         except FileNotFoundError:
             if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):

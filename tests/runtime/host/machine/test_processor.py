@@ -1,5 +1,6 @@
 """Which processor a loop takes, and that no other loop of the machine takes the same."""
 
+import os
 from contextlib import closing
 
 import pytest
@@ -18,6 +19,20 @@ def test_two_loops_use_two_processors_and_a_third_shares_the_fastest():
             assert again.number == FAR  # what the second has left
     with closing(Processor([FAR + 1, FAR])) as last:
         assert last.number == FAR + 1
+
+
+def test_the_descriptor_of_a_processor_is_not_closed_for_a_file_that_has_taken_its_number(tmp_path):
+    def descriptors():
+        return {number for number in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{number}")}
+
+    before = descriptors()
+    processor = Processor([FAR])
+    [number] = map(int, descriptors() - before)
+    with open(tmp_path / "other", "w") as other:
+        os.dup2(other.fileno(), number)
+    processor.close()
+    os.close(number)
+    processor.close()  # it does nothing more
 
 
 @pytest.mark.parametrize(
