@@ -12,6 +12,7 @@ import importlib.metadata
 import inspect
 import json
 import math
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +58,7 @@ def describe(diagram: Diagram) -> dict[str, Any]:
         "format": FORMAT,
         "name": diagram.name,
         "rate": diagram.rate,
-        "libraries": dict(sorted({library(type(block), known) for block in blocks})),
+        "libraries": dict(sorted({library(kind, known) for kind in sources})),
         "blocks": [describe_block(block, known, sources[type(block)]) for block in blocks],
         "wires": [describe_wire(wire) for wire in wires],
     }
@@ -151,6 +152,7 @@ def digest(data: dict[str, Any]) -> str:
     return "sha256:" + sha256(text.encode()).hexdigest()
 
 
+@lru_cache(maxsize=256)  # inspect parses the whole file of a class each time, 2 ms
 def source_hash(kind: type[Block]) -> str:
     """Return the hash of the source of a block class or its function, or of its name if there is no source."""
     try:
@@ -194,10 +196,16 @@ def library(kind: type[Block], known: dict[str, str]) -> tuple[str, str]:
     distribution = known.get(kind.__module__.split(".")[0])
     if distribution is None:
         return Path(getattr(inspect.getmodule(kind), "__file__", kind.__module__)).name, "local"
+    return distribution, installed_version(distribution)
+
+
+@lru_cache(maxsize=16)
+def installed_version(distribution: str) -> str:
+    """Return the version of a distribution, or "not installed"."""
     try:
-        return distribution, importlib.metadata.version(distribution)
+        return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
-        return distribution, "not installed"
+        return "not installed"
 
 
 def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
