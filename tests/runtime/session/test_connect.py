@@ -45,7 +45,7 @@ def build():
 """
 PROGRAM = """
 import os, runtime, time
-with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", loop_timeout=1.0) as robot:
+with runtime.connect("robot.py", rig="lab.toml", yes=True, loop_timeout=1.0) as robot:
     for tick in robot:
         robot.set({"left_torque.value": 2.0, "right_torque.value": 2.0})
         %s
@@ -125,7 +125,7 @@ def test_arguments_that_do_not_fit_are_refused(arguments, message):
 @paced
 def test_loop_commands_a_robot_on_a_rig_and_its_end_is_the_safe_stop(bus, monkeypatch, capsys):
     monkeypatch.setattr("builtins.input", lambda prompt: "")
-    with runtime.connect("robot.py", rig="lab.toml", realtime="off", loop_timeout=1.0) as robot:
+    with runtime.connect("robot.py", rig="lab.toml", loop_timeout=1.0) as robot:
         ticks, begun = [], []  # of the steps: the loop may miss ticks
         for tick in robot:
             ticks.append(tick)
@@ -152,7 +152,7 @@ def test_loop_commands_a_robot_on_a_rig_and_its_end_is_the_safe_stop(bus, monkey
 @paced
 def test_exception_in_the_loop_stops_the_robot_and_is_raised(bus):
     with pytest.raises(ZeroDivisionError):
-        with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", loop_timeout=1.0) as robot:
+        with runtime.connect("robot.py", rig="lab.toml", yes=True, loop_timeout=1.0) as robot:
             for tick in robot:
                 robot.set({"left_torque.value": 2.0 / (50 - tick)} if tick < 50 else {"left_torque.value": 1 / 0})
     assert sent(robot.trial)[-2:] == [NOTHING, DISABLE] and robot.trial.fault is None
@@ -160,7 +160,7 @@ def test_exception_in_the_loop_stops_the_robot_and_is_raised(bus):
 
 @paced
 def test_pass_that_takes_too_long_is_a_fault_of_the_run(bus):
-    with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", loop_timeout=0.15) as robot:
+    with runtime.connect("robot.py", rig="lab.toml", yes=True, loop_timeout=0.15) as robot:
         with pytest.raises(RunFault, match="a pass of the connected program's loop took longer than its loop_timeout"):
             for tick in robot:
                 robot.set({"left_torque.value": 2.0})
@@ -173,7 +173,7 @@ def test_pass_that_takes_too_long_is_a_fault_of_the_run(bus):
 
 @paced
 def test_fault_of_a_drive_ends_the_loop_with_its_report(bus):
-    with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", stop_for=0.5) as robot:
+    with runtime.connect("robot.py", rig="lab.toml", yes=True, stop_for=0.5) as robot:
         with pytest.raises(RunFault, match="no reply for longer than its timeout"):
             for tick in robot:
                 if tick >= 50:  # a busy machine may skip tick 50
@@ -211,7 +211,7 @@ def test_program_that_is_suspended_stops_the_robot(bus, folder):
 @paced
 def test_ctrl_c_in_the_loop_stops_the_robot_and_raises_keyboard_interrupt(bus):
     with pytest.raises(KeyboardInterrupt):
-        with runtime.connect("robot.py", rig="lab.toml", yes=True, realtime="off", loop_timeout=1.0) as robot:
+        with runtime.connect("robot.py", rig="lab.toml", yes=True, loop_timeout=1.0) as robot:
             for tick in robot:
                 if tick >= 50:  # the loop may miss ticks
                     os.kill(os.getpid(), signal.SIGINT)

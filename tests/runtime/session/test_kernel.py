@@ -25,7 +25,7 @@ with runtime.simulate({str(KNEE_EXO)!r}) as sim:
 print(len(sim.trial), sim["left/profile.scale"])
 """
 REAL_TIME = f"trial = runtime.run({str(KNEE_EXO)!r}, 0.6, fast=False); len(trial)"
-ON_A_RIG = 'runtime.run("robot.py", rig="lab.toml", realtime="off"{more})'
+ON_A_RIG = 'runtime.run("robot.py", rig="lab.toml"{more})'
 
 
 @pytest.fixture(scope="module")

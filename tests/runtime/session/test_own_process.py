@@ -24,7 +24,7 @@ from tests.runtime.terminals import patient
 paced = pytest.mark.paced
 INTERRUPTED = """
 import runtime
-runtime.run("robot.py", rig="lab.toml", yes=True, realtime="off")
+runtime.run("robot.py", rig="lab.toml", yes=True)
 """
 
 
@@ -124,7 +124,7 @@ def test_a_rig_is_armed_after_the_answer_to_input(bus, monkeypatch, capsys):
         return ""
 
     monkeypatch.setattr("builtins.input", answer)
-    trial = runtime.run("robot.py", 0.3, rig="lab.toml", realtime="off")
+    trial = runtime.run("robot.py", 0.3, rig="lab.toml")
     [(prompt, table, commands)] = asked
     assert (
         commands == {DISABLE}
@@ -143,9 +143,9 @@ def test_without_a_confirmation_nothing_is_armed(bus, monkeypatch):
 
     monkeypatch.setattr("builtins.input", nothing)
     with pytest.raises(BadInput, match=r"cannot ask .*\(no frontend\).* nothing was armed.*yes=True"):
-        runtime.run("robot.py", 5, rig="lab.toml", realtime="off")
+        runtime.run("robot.py", 5, rig="lab.toml")
     monkeypatch.setattr("builtins.input", lambda prompt: "q")
-    trial = runtime.run("robot.py", 5, rig="lab.toml", realtime="off")
+    trial = runtime.run("robot.py", 5, rig="lab.toml")
     assert len(trial) == 0 and trial.end["ended"] == "stopped by the space bar"
     bus.listen()
     assert {frame.data for frame in bus.commands(1)} == {NOTHING, DISABLE}, "no motor was enabled"
@@ -160,7 +160,7 @@ def test_ctrl_c_stops_the_robot_safely_and_raises_keyboard_interrupt(bus):
     thread = threading.Thread(target=interrupt)
     thread.start()
     with pytest.raises(KeyboardInterrupt, match="its recording is recordings/robot_") as stopped:
-        runtime.run("robot.py", rig="lab.toml", yes=True, realtime="off")
+        runtime.run("robot.py", rig="lab.toml", yes=True)
     thread.join()
     trial = runtime.load(str(stopped.value).rpartition(" ")[2])
     assert sent(trial)[-2:] == [NOTHING, DISABLE]
@@ -196,7 +196,7 @@ def test_an_interrupt_at_the_table_ends_the_run_before_it_is_armed(bus, monkeypa
     monkeypatch.setattr("builtins.input", interrupted)
     before = files_of_this_process()
     with pytest.raises(KeyboardInterrupt, match="its recording is"):
-        runtime.run("robot.py", rig="lab.toml", realtime="off")
+        runtime.run("robot.py", rig="lab.toml")
     bus.listen()
     assert {frame.data for frame in bus.commands(1)} == {NOTHING, DISABLE}, "no motor was enabled"
     assert files_of_this_process() == before

@@ -112,9 +112,12 @@ def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(
     killed(tmp_path, deaths, virtual=False, shared=SharedState(1 << 20), compression="none")
     parts = [tmp_path / f"killing{part}.mcap" for part in ("", "_part2", "_part3")]
     ticks = []
-    for number, part in enumerate(parts):
+    for number, part in enumerate([*parts]):
         data = part.read_bytes()
-        begin = data.find(b'"begin"')  # on a busy machine the writer is killed before it has flushed that
+        if number > 0 and b'"signals"' not in data:  # on a busy machine the writer is killed before the head
+            parts.remove(part)
+            continue
+        begin = data.find(b'"begin"')  # or before it has flushed that
         if number in unbegun and begin >= 0:
             part.write_bytes(data[: begin - 40])
         else:

@@ -57,8 +57,6 @@ def test_a_plant_in_another_process_replies_to_a_robot(rig, tmp_path):
             "--rig",
             rig,
             "--yes",
-            "--realtime",
-            "off",
             "--duration",
             "1",
             "--record",

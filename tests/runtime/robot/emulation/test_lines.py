@@ -226,9 +226,7 @@ def test_a_drive_behind_the_relay_of_a_charge_pump_answers_because_the_run_toggl
     plant = started("emulate", robot, "--rig", rig, "--lines", tmp_path, cwd=tmp_path)
     try:
         assert f"pump        terminal {tmp_path}/ttypump" in "".join(read_until(plant.stdout, "Ctrl-C ends it"))
-        run = finished(
-            robot, "--rig", rig, "--yes", "--duration", "0.5", "--realtime", "off", "--no-record", cwd=tmp_path
-        )
+        run = finished(robot, "--rig", rig, "--yes", "--duration", "0.5", "--no-record", cwd=tmp_path)
     finally:
         plant.kill()
         plant.communicate()

@@ -116,22 +116,10 @@ class Bus:
         return None
 
     def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive=PATIENT, **how):
-        """A run of the robot, that has been started."""
+        """A run of the robot, that has been started, with real-time priority if it may: no load delays it."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
         self.runs.append(
-            started(
-                robot,
-                "--rig",
-                self.rig,
-                "--realtime",
-                "off",
-                "--yes",
-                "--stop-for",
-                "0.2",
-                *words,
-                cwd=self.folder,
-                **how,
-            )
+            started(robot, "--rig", self.rig, "--yes", "--stop-for", "0.2", *words, cwd=self.folder, **how)
         )
         return self.runs[-1]
 

@@ -10,6 +10,7 @@ import sys
 import can
 
 from blocks.actuators.robstride.models import MODELS
+from runtime.robot.emulation.priority import take_priority
 from tests.blocks.actuators import robstride_reference as reference
 from tests.runtime.robot.guardian.drives import open_bus
 
@@ -20,6 +21,7 @@ STOPPED, RUNNING = 0, 2
 def main(channel, *identifiers):
     bus = open_bus(channel)
     modes, written = dict.fromkeys(map(int, identifiers), STOPPED), {}
+    take_priority()
     print("ready", flush=True)
     while True:
         heard = bus.recv()

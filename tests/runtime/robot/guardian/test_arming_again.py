@@ -32,7 +32,7 @@ def terminal():
 
 def under_torque(bus, terminal, *words, law="pass"):
     robot = write(bus.folder, ROBOT.format(law=law, torque=2.0, more="", blocks="", drive=""))
-    terminal.run(robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--rearm", *words, cwd=bus.folder)
+    terminal.run(robot, "--rig", bus.rig, "--yes", "--rearm", *words, cwd=bus.folder)
     bus.await_torque()
 
 

@@ -232,7 +232,7 @@ class Buses(list):
         )
 
     def words(self, fault):
-        return (self.robot(fault), "--rig", self.rig, "--realtime", "off", "--yes", "--no-record", *fault.words)
+        return (self.robot(fault), "--rig", self.rig, "--yes", "--no-record", *fault.words)
 
     def start(self, fault):
         self[0].runs.append(started(*self.words(fault), cwd=self.folder))

@@ -23,6 +23,7 @@ import pytest
 from cext.memory.shared_state import SharedState
 from cext.safety.thresholds import STOP_ROUND_MAXIMUM
 from runtime.host.errors import FAULT, OK
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.guardian.handover import Handover, Offer, Successor
 from runtime.robot.guardian.interfaces import Interfaces
 from runtime.robot.guardian.lock import BusLock, BusTaken
@@ -157,6 +158,7 @@ class Drives:
         self.node.shutdown()
 
     def _play(self):
+        take_priority()
         while not self.ended.is_set():
             heard = self.node.recv(0.05)
             if heard is None:
@@ -282,7 +284,7 @@ def test_a_run_without_these_drives_and_another_program_are_refused_and_change_n
 def test_an_adapter_that_one_process_may_open_is_handed_over(way, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)
-        words = [robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record"]
+        words = [robot, "--rig", rig, "--yes", "--no-record"]
         first = started(*words, "--stop-for", "60", cwd=tmp_path)
         assert awaited(adapter.torque), "no torque was commanded"
         adapter.drives = ()

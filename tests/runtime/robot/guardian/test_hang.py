@@ -16,6 +16,7 @@ pytestmark = pytest.mark.paced
 
 LIMIT = 0.005 + 0.015  # s from the last torque to the next tick, and what that may work
 ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not
+BELOW = ("--priority", "10")  # a block that spins keeps no processor from the runs and drives of other tests
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ HANGS = {
 
 @pytest.mark.parametrize("what", HANGS)
 def test_hanging_python_block_is_reported_with_its_line(bus, tmp_path, what):
-    process = bus.start("--record", "out", law=HANGS[what])
+    process = bus.start("--record", "out", *BELOW, law=HANGS[what])
     bus.await_torque()
     everybody = family(process)
     stopped_in_time(bus)
@@ -86,7 +87,7 @@ def test_uninterruptible_block_is_reported_until_operator_kills_it(bus, tmp_path
         }
     else:
         how = {"law": STUCK}
-    process = bus.start("--record", "out", **how)
+    process = bus.start("--record", "out", *BELOW, **how)
     bus.await_torque()
     everybody = family(process)
     stopped_in_time(bus, 0.5)

@@ -44,7 +44,7 @@ def leg(tmp_path):
     def start(mode="", command="torque_command=2.0"):
         robot = write(tmp_path, ROBOT.format(mode=mode, command=command))
         accepted = [f"--accept={joint}.mode" for joint in MOTORS if mode]
-        return started(robot, "--rig", rig, "--realtime", "off", "--no-record", "--yes", *accepted, cwd=tmp_path)
+        return started(robot, "--rig", rig, "--no-record", "--yes", *accepted, cwd=tmp_path)
 
     yield start, node
     drives.kill()

@@ -150,7 +150,7 @@ def test_no_drive_is_without_frames_while_a_new_run_is_stopped_whose_guardian_wa
 def test_an_adapter_that_one_process_may_open_is_taken_back_and_handed_over_again(place, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)
-        words = [robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record"]
+        words = [robot, "--rig", rig, "--yes", "--no-record"]
         first = started(*words, "--stop-for", "60", cwd=tmp_path)
         assert awaited(adapter.torque), "no torque was commanded"
         adapter.drives = ()

@@ -115,7 +115,7 @@ def test_check_warns_of_it_and_never_reports_the_limit_as_proved(
 @CASES
 def test_a_rig_is_not_armed_without_acceptance(command_line, drive, command, device, options, name, effect):
     file, rig = robot(command_line.folder, drive, command, device)
-    said = command_line.refused("run", file, "--rig", rig, "--yes", "--no-record", "--realtime", "off", *options)
+    said = command_line.refused("run", file, "--rig", rig, "--yes", "--no-record", *options)
     assert "error TW138 limit that may not hold: knee: " in said and effect in said
     assert f"--accept knee.{name}" in said
 
@@ -182,7 +182,7 @@ def test_accepted_setting_is_in_table_summary_and_recording(tmp_path):
         device = '[device."left/knee"]\nwire_torque = 60.0\ncan_id = 1\n[device."right/knee"]\ninvert = true\n'
         bus.rig.write_text(bus.rig.read_text() + device)
         robot = write(tmp_path, ROBOT.format(law="pass", torque=1.0, more="", blocks="", drive=""))
-        options = ("--rig", bus.rig, "--realtime", "off", "--yes", "--record", "out", "--duration", "0.3")
+        options = ("--rig", bus.rig, "--yes", "--record", "out", "--duration", "0.3")
         refused = finished(robot, *options, cwd=tmp_path)
         assert refused.returncode == BAD_INPUT and "--accept left/knee.wire_torque" in refused.stderr
         bus.listen(0.2)

@@ -233,7 +233,7 @@ def test_filters_and_mounting_are_written_and_read_back(there):
 def test_the_settings_that_were_read_are_recorded(there, tmp_path):
     write(tmp_path, FILTERED, "filtered.py")
     write(tmp_path, '[device.shank]\nserial = "133931"\n', "lab.toml")
-    arguments = ("--rig", "lab.toml", "--yes", "--realtime", "off", "--duration", "0.2", "--record", "out")
+    arguments = ("--rig", "lab.toml", "--yes", "--duration", "0.2", "--record", "out")
     run = finished("filtered.py", *arguments, cwd=tmp_path)
     assert run.returncode == OK, run.stderr
     [recording] = (tmp_path / "out").glob("*.mcap")

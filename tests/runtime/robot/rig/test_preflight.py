@@ -42,7 +42,7 @@ def terminal():
 def at_the_table(bus, terminal, *words):
     """A run that asks. Returns what it has shown."""
     robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
-    terminal.run(robot, "--rig", bus.rig, "--realtime", "off", *words, cwd=bus.folder)
+    terminal.run(robot, "--rig", bus.rig, *words, cwd=bus.folder)
     terminal.wait_for("press Enter to arm")
     return terminal.look()
 
@@ -102,7 +102,7 @@ def test_the_run_can_be_ended_at_the_table(bus, terminal, key, code):
 
 
 def test_missing_real_time_priority_and_its_risk_are_shown_before_enter(bus, terminal):
-    at_the_table(bus, terminal, "--no-record")
+    at_the_table(bus, terminal, "--no-record", "--realtime", "off")
     shown = terminal.look()
     assert shown.index("the loop has no real-time priority") < shown.index("press Enter to arm")
     terminal.press(b"q")
@@ -148,14 +148,12 @@ def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, termina
     """Its drive reads 0.1 rad, and 0.80 and 1.50 rad also lie in its range."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
     robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
-    run = finished(
-        robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "1", cwd=bus.folder
-    )
+    run = finished(robot, "--rig", bus.rig, "--yes", "--no-record", "--duration", "1", cwd=bus.folder)
     assert (
         run.returncode == 3
         and "FAULT at knees, while arming: left/knee reads 0.100 rad; a power cycle can shift" in run.stderr
     ), run.stderr
-    terminal.run(robot, "--rig", bus.rig, "--realtime", "off", "--no-record", cwd=bus.folder)
+    terminal.run(robot, "--rig", bus.rig, "--no-record", cwd=bus.folder)
     terminal.wait_for("press Enter to check again")
     assert "1 problem: left/knee: in doubt" in terminal.look()
     terminal.wait_for("ready .* Enter arms")
@@ -169,8 +167,6 @@ def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, termina
         robot,
         "--rig",
         bus.rig,
-        "--realtime",
-        "off",
         "--yes",
         "--no-record",
         "--duration",

@@ -74,9 +74,7 @@ class Line:
 
 def run(folder, line, *words):
     rig = write(folder, f'[bus.legs]\ninterface = "{line.interface}"\nchannel = "{line.ports[0]}"\n', "lab.toml")
-    return started(
-        knee(folder, "return 2.0"), "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder
-    )
+    return started(knee(folder, "return 2.0"), "--rig", rig, "--yes", "--no-record", *words, cwd=folder)
 
 
 @pytest.mark.parametrize(

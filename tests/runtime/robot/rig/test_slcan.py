@@ -19,6 +19,7 @@ import pytest
 from blocks.actuators import CubeMars
 from graph import Diagram
 from runtime.host.errors import FAULT, OK
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import PythonCanWire
 from runtime.robot.rig.buses import RigBuses
@@ -64,6 +65,7 @@ class Adapter:
         self.master = -1
 
     def play(self):
+        take_priority()
         heard = b""
         while not self.unplugged.is_set():
             if not select.select([self.master], [], [], 0.02)[0]:
@@ -102,9 +104,7 @@ def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
 
 def run(folder, adapter, *words, **options):
     robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel, **options)
-    return started(
-        robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record", "--stop-for", "0.2", *words, cwd=folder
-    )
+    return started(robot, "--rig", rig, "--yes", "--no-record", "--stop-for", "0.2", *words, cwd=folder)
 
 
 def awaited(condition, seconds=10.0):

@@ -18,6 +18,7 @@ from blocks.safety import EStopHeartbeat
 from cext.bus.socketcan import SocketCan
 from graph import Diagram
 from runtime.host.errors import FAULT, OK
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.rig.buses import RigBuses
 from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import RigBus, read
@@ -57,6 +58,7 @@ class Button:
         self.thread.join()
 
     def beat(self):
+        take_priority()
         while not self.over.wait(0.01):
             self.send()
 

@@ -13,6 +13,7 @@ from collections import Counter
 import can
 
 from blocks.actuators.robstride import models
+from runtime.robot.emulation.priority import take_priority
 from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.robot.guardian.drives import open_bus
 
@@ -48,6 +49,7 @@ class Node:
         self.bus.shutdown()
 
     def live(self):
+        take_priority()
         due = time.monotonic()
         while self.alive:
             message = self.bus.recv(0.005)

@@ -85,9 +85,7 @@ def test_three_poses_give_offset_sign_and_range(tmp_path):
         code, out, err = person.end()
         assert (code, err) == (0, "")
         drive.position = -0.7
-        run = finished(
-            "robot.py", "--rig", rig, "--yes", "--realtime", "off", "--no-record", "--duration", "0.2", cwd=tmp_path
-        )
+        run = finished("robot.py", "--rig", rig, "--yes", "--no-record", "--duration", "0.2", cwd=tmp_path)
         told = next(line for line in (run.stdout + run.stderr).splitlines() if line.startswith("  knee "))
         # the wire's steps are 0.4 mrad
         assert "  1.000 rad in [-0.1, 1.8]  " in told or "  0.999 rad in [-0.1, 1.8]  " in told

@@ -79,7 +79,7 @@ def test_scan_finds_a_third_party_drive(bench):
 
 
 def test_third_party_drive_moves_with_torque_only(bench):
-    where = ("--rig", "lab.toml", "--realtime", "off", "--yes")
+    where = ("--rig", "lab.toml", "--yes")
     done = bench.run("move", "5", "--model", "GD-10", "--torque", "0.5", "--duration", "1", "--fastest", "50", *where)
     assert done.returncode == OK, done.stdout + done.stderr
     assert "GD-10, id 5 on" in done.stdout and "torque limit 1 N·m (10% of rated)" in done.stdout

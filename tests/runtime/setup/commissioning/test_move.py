@@ -19,9 +19,7 @@ STEP = 36.0 / 4095  # N·m, a code of torque
 
 
 def moved(folder, nodes, *words, duration="1"):
-    return finished(
-        "move", "3", "--model", "AK80-9", *nodes.words, "--realtime", "off", *words, "--duration", duration, cwd=folder
-    )
+    return finished("move", "3", "--model", "AK80-9", *nodes.words, *words, "--duration", duration, cwd=folder)
 
 
 def commands(drive):
@@ -89,8 +87,6 @@ def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path
             "--model",
             "RS02",
             *nodes.words,
-            "--realtime",
-            "off",
             "--velocity",
             "1",
             "--duration",
@@ -124,8 +120,6 @@ def test_in_servo_mode_move_sends_a_current_that_ends_at_zero(tmp_path):
             "AK60-6-V1.1",
             "--servo",
             *nodes.words,
-            "--realtime",
-            "off",
             "--torque",
             "0.2",
             "--duration",
