@@ -12,6 +12,8 @@ from graph.kernel_items import rest_of
 
 if TYPE_CHECKING:
     from cext.kernel import Kernel
+    from graph.block import Block
+    from graph.declarations import Numbers
 
 CLOCK_SLOTS = 8
 
@@ -19,8 +21,8 @@ CLOCK_SLOTS = 8
 class KernelTable(NamedTuple):
     """The two tables that a kernel is called with: the position of each of its items, and its number of doubles."""
 
-    slots: tuple = ()
-    sizes: tuple = ()
+    slots: tuple[int, ...] = ()
+    sizes: tuple[int, ...] = ()
 
 
 class Layout:
@@ -29,7 +31,7 @@ class Layout:
     def __init__(self) -> None:
         self.values = [0.0] * CLOCK_SLOTS
 
-    def place(self, values: float | np.ndarray) -> int:
+    def place(self, values: Numbers) -> int:
         """Allocate consecutive slots for values. Returns the first."""
         slot = len(self.values)
         if isinstance(values, (float, int)):
@@ -52,9 +54,9 @@ class Layout:
         return np.array(self.values, dtype=np.float64)
 
 
-def place_parameters(block: Any, layout: Layout) -> dict[str, int]:
+def place_parameters(block: Block, layout: Layout) -> dict[str, int]:
     """Allocate the numeric parameters of a block, NaN for None. Returns {name: slot}."""
-    slots = {}
+    slots: dict[str, int] = {}
     for name, param in block.parameters.items():
         if param.placed:
             value = getattr(block, name)
@@ -62,9 +64,9 @@ def place_parameters(block: Any, layout: Layout) -> dict[str, int]:
     return slots
 
 
-def place_memory(block: Any, layout: Layout) -> dict[str, tuple[int, int]]:
+def place_memory(block: Block, layout: Layout) -> dict[str, tuple[int, int]]:
     """Allocate the memory of a block, set by `prepare` or declared. Returns {name: (slot, length)}."""
-    places = {}
+    places: dict[str, tuple[int, int]] = {}
     for name, memory in block.memory.items():
         value = vars(block).get(name)
         first = layout.place(memory.initial if value is None else value)
@@ -82,8 +84,9 @@ def kernel_table(block: Any, kernel: Kernel, places: dict[str, tuple[int, int]])
 
     Raises TypeError if an item has another length than the kernel states, as memory that `prepare` has set.
     """
-    slots, sizes = [], []
-    rests = []
+    slots: list[int] = []
+    sizes: list[int] = []
+    rests: list[tuple[int, int]] = []
     first = len(kernel.items) + sum(item.rest for item in kernel.items)
     for name, size, is_rest in kernel.items:
         if is_rest:

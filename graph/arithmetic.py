@@ -22,6 +22,7 @@ from graph.declarations import Input, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope
 from graph.interval import Interval
+from graph.narrowing import is_row, is_table, is_tuple
 from graph.signal import Operand, Signal
 from graph.units import canonical, divide, multiply
 
@@ -163,7 +164,7 @@ class Stack(Block):
         self.outputs = {"y": Output("any", "stacked inputs", shape=(self.count, *shape)).named("y")}
 
     def output_range(self, **inputs: Interval) -> Interval:
-        return functools.reduce(operator.or_, inputs.values())
+        return functools.reduce(Interval.__or__, inputs.values())
 
 
 class Select(Block):
@@ -206,7 +207,7 @@ class Select(Block):
     def plain(self) -> None:
         """Set the indices for a vector of any length: an integer, or a list of integers."""
         index: Any = self.index
-        several = isinstance(index, (list, tuple))
+        several = is_row(index)
         self.indices = whole_numbers("index", index if several else (index,), None)
         if not self.indices:
             raise ValueError("index must select at least one element")
@@ -228,11 +229,11 @@ class Select(Block):
 
 def encode_index(index: Any) -> Any:
     """Encode an index for JSON: {"slice": (start, stop, step)}, {"list": (...)}, {"ellipsis": True}, int or tuple."""
-    if isinstance(index, tuple):
+    if is_tuple(index):
         return tuple(encode_index(item) for item in index)
-    if isinstance(index, slice):
+    if type(index) is slice:
         return {"slice": (index.start, index.stop, index.step)}
-    if isinstance(index, list):
+    if is_row(index):
         return {"list": tuple(index)}
     if index is ...:
         return {"ellipsis": True}
@@ -241,9 +242,9 @@ def encode_index(index: Any) -> Any:
 
 def decode_index(index: Any) -> Any:
     """Return the NumPy index of an encoded one."""
-    if isinstance(index, tuple):
+    if is_tuple(index):
         return tuple(decode_index(item) for item in index)
-    if isinstance(index, dict):
+    if is_table(index):
         return ... if "ellipsis" in index else slice(*index["slice"]) if "slice" in index else list(index["list"])
     return index
 

@@ -47,15 +47,14 @@ class Assembly:
         self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
         self.places = self.place_outputs(block for block in self.in_order if not block.conditions)
         self.constants = {
-            (block, name): self.layout.place(
-                np.broadcast_to(compilation.sources[block, name], compilation.shapes[block, name])
-            )
+            (block, name): self.layout.place(np.broadcast_to(source, compilation.shapes[block, name]))
             for block in self.in_order
+            if not isinstance(block, Sink)
             for name in block.inputs
-            if not isinstance(compilation.sources[block, name], Signal) and not isinstance(block, Sink)
+            if not isinstance(source := compilation.sources[block, name], Signal)
         }
         for block in self.native:
-            if not vars(block).keys().isdisjoint(CHECKED):  # else the check of its class holds for it
+            if not CHECKED.isdisjoint(vars(block)):  # else the check of its class holds for it
                 check_kernels(block)
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.held_start = len(self.layout)
@@ -140,7 +139,7 @@ class Assembly:
             return name, CLOCK[name], "int" if name == "tick" else "float", ()
         return name, self.input_slot(block, name), block.inputs[name].dtype, self.compilation.shapes[block, name]
 
-    def result(self, block: Block, name: str, port: Output) -> tuple[Any, ...]:
+    def result(self, block: Block, name: str, port: Output) -> tuple[str, int, str, tuple[int, ...], float, float]:
         """Return (name, slot, dtype, shape, low, high) of an output that a Python method returns."""
         declared = port.range or EVERYTHING
         return (
@@ -246,7 +245,7 @@ class Assembly:
 
     def live_parameters(self) -> list[LiveParameter]:
         """Return a LiveParameter for each parameter that may change while running."""
-        parameters = []
+        parameters: list[LiveParameter] = []
         # the switches of drives last, after the parameters that an operator changes more often
         for block in sorted(self.blocks, key=lambda block: isinstance(block, Device)):
             for name, param in block.parameters.items():
@@ -273,7 +272,7 @@ class Assembly:
 
     def live_rules(self, live: Sequence[LiveParameter]) -> list[LiveRule]:
         """Return a LiveRule for each rule between live parameters. live : parameters in the order of their indices"""
-        rules = []
+        rules: list[LiveRule] = []
         for block, own in self.live_indices(live):
             for rule in block.applying_rules():
                 folded = rule.folded(own, block.__getattribute__)
@@ -283,7 +282,7 @@ class Assembly:
 
     def held_bounds(self, live: Sequence[LiveParameter]) -> list[HeldBound]:
         """Return a HeldBound for each output and memory that live parameters bound while its block does not run."""
-        bounds = []
+        bounds: list[HeldBound] = []
         for block, own in self.live_indices(live):
             if not (block.conditions or block.every != 1 or block.hold_exceptions):
                 continue
@@ -309,7 +308,9 @@ class Assembly:
 
     def recorded(self) -> tuple[np.ndarray, list[Column], list[SinkColumns]]:
         """Return (slots of all recorded numbers, Column of each, SinkColumns of each sink)."""
-        slots, recorded, sinks = [], [], []
+        slots: list[int] = []
+        recorded: list[Column] = []
+        sinks: list[SinkColumns] = []
         index_of: dict[int, int] = {}
         everything = [
             (place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)
@@ -317,7 +318,7 @@ class Assembly:
         for block in self.blocks:
             if not isinstance(block, Sink):
                 continue
-            columns = []
+            columns: list[Column] = []
             for label, signal in self.compilation.taps.get(block) or everything:
                 place = self.places[signal]
                 for offset in range(place.size):

@@ -88,6 +88,7 @@ class Block:
     settle: ClassVar[Callable[..., Any]]
     _scratch: Scratch | None = None
     _rules: ClassVar[list[Rule]] = []
+    _own: ClassVar[dict[str, Param[Any]]] = {}  # parameters that the class itself declares
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -95,7 +96,7 @@ class Block:
         for name in cls._own:
             # CPython 3.11 is slow to find an attribute that the class also has: a step would take a quarter longer
             delattr(cls, name)
-        declared = {}
+        declared: dict[str, Any] = {}
         for base in reversed(cls.__mro__):
             names = vars(base) | vars(base).get("_own", {})
             declared.update({n: d for n, d in names.items() if isinstance(d, Declaration) or n in declared})
@@ -138,7 +139,7 @@ class Block:
 
     def _set_parameters(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:
         """Check and set the parameters. Raises DiagramError with all problems."""
-        problems = []
+        problems: list[Diagnostic] = []
 
         def wrong(message: str, hint: str = "", code: str = "TW010") -> None:
             problems.append(Diagnostic(code, message, path=type(self).__name__, where=self.location, hint=hint))
@@ -470,7 +471,7 @@ class Sink(Block):
         return True
 
 
-def range_of(block: Block, name: str, ranges: Any) -> Interval:
+def range_of(block: Block, name: str, ranges: Interval | dict[str, Interval] | None) -> Interval:
     """Return the Interval of an output: the result of `output_range`, within the range that the port declares."""
     port = block.outputs[name]
     found = ranges.get(name) if isinstance(ranges, dict) else ranges

@@ -59,7 +59,7 @@ def frame_bits(length: int, extended: int) -> tuple[float, int]:
 
 def bus_loads(devices: Sequence[Device], rate: float) -> list[BusLoad]:
     """Return a BusLoad for each bus with traffic, sorted by name. rate : Hz, of the ticks"""
-    loads = []
+    loads: list[BusLoad] = []
     devices = [device for device in devices if device.medium == "can"]
     for bus in sorted({device.bus for device in devices}):
         here = [device for device in devices if device.bus == bus]
@@ -91,7 +91,7 @@ def damping_round(bus: str, blocks: Sequence[Block]) -> float:
 
 def line_loads(devices: Sequence[Device]) -> list[LineLoad]:
     """Return a LineLoad for each device with a known line speed and known messages."""
-    loads = []
+    loads: list[LineLoad] = []
     for device in devices:
         if isinstance(device, StreamDevice) and device.line_speed() and device.sends():
             messages = sum(often for often, _ in device.sends())

@@ -6,17 +6,22 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from cext.user_text import text_of
+from graph.device import Device
 from graph.diagnostics import Diagnostic
 from graph.signal import Signal
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from graph.block import Block
+    from graph.block import Block, Sink
+    from graph.budget import BusLoad
+    from graph.caveats import Caveat
+    from graph.device_data import TorqueBound
     from graph.diagnostics import Location
-    from graph.diagram import Diagram
+    from graph.diagram import Diagram, Wire
     from graph.interval import Interval
     from graph.schedule import Proof
+    from graph.upstream import Sources
 
 
 class Compilation:
@@ -24,22 +29,23 @@ class Compilation:
 
     def __init__(self, diagram: Diagram) -> None:
         self.diagram = diagram
-        self.blocks = sorted(diagram, key=lambda block: block.path)
+        self.blocks: list[Block] = sorted(diagram, key=lambda block: block.path)
+        self.devices = [block for block in self.blocks if isinstance(block, Device)]
         self.diagnostics: list[Diagnostic] = []
-        self.sources: dict[Any, Any] = {}  # (block, input name): Signal or constant array
-        self.wires: dict[Any, Any] = {}  # (block, input name): Wire
-        self.taps: dict[Any, Any] = {}  # sink: [(label, Signal)]
-        self.shapes: dict[Any, Any] = {}  # (block, port name): shape
-        self.units: dict[Any, str] = {}  # (block, port name): unit
-        self.shared_units: dict[Any, str] = {}  # block: unit of its ports declared "any"
-        self.ranges: dict[Any, Any] = {}  # Signal: Interval
-        self.order: list[Any] = []
-        self.holds: list[Any] = []  # (source path, its every, input path, its every) of signals held between rates
-        self.loads: list[Any] = []  # BusLoad of each bus
+        self.sources: Sources = {}
+        self.wires: dict[tuple[Block, str], Wire] = {}  # by input
+        self.taps: dict[Sink, list[tuple[str, Signal]]] = {}  # (label, Signal) of sinks for any number of signals
+        self.shapes: dict[tuple[Block, str], tuple[int, ...]] = {}  # by port
+        self.units: dict[tuple[Block, str], str] = {}  # by port
+        self.shared_units: dict[Block, str] = {}  # of the ports declared "any" of a block
+        self.ranges: dict[Signal, Interval] = {}
+        self.order: list[Block] = []
+        self.holds: list[tuple[str, int, str, int]] = []  # (source, its every, input, its every) where rates meet
+        self.loads: list[BusLoad] = []
         self.proofs: list[Proof] = []
-        self.torque_bounds: dict[str, Any] = {}  # path of an actuator: TorqueBound, or None if its hook raised
-        self.caveats: list[Any] = []  # graph.caveats.Caveat
-        self.failed: set[Any] = set()  # (block, hook) that have raised
+        self.torque_bounds: dict[str, TorqueBound | None] = {}  # by path of an actuator; None if its hook raised
+        self.caveats: list[Caveat] = []
+        self.failed: set[tuple[Block, str]] = set()  # (block, hook) that have raised
 
     def report(
         self,
@@ -78,7 +84,7 @@ class Compilation:
         """Return ((block, input name), source) of every input, in the order of blocks and declarations."""
         return [((block, name), self.sources[block, name]) for block in self.blocks for name in block.inputs]
 
-    def where(self, block: Block, name: str) -> Location:
+    def where(self, block: Block, name: str) -> Location | None:
         """Return where an input was connected, or where its block was made."""
         wire = self.wires.get((block, name))
         return wire.where if wire else block.location

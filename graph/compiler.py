@@ -6,7 +6,7 @@ Every check appends its diagnostics to one list, and all errors are raised toget
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 from graph import caveats, device_checks, hints, live_checks, rate_checks, signal_checks, type_checks, wire_checks
@@ -37,7 +37,7 @@ def compile(diagram: Diagram) -> Schedule:
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def uncollected() -> Generator[None]:
     """Pause garbage collection: a compile creates no cycles to collect, and each pass would visit all its objects."""
     collecting = gc.isenabled()
     gc.disable()
@@ -108,7 +108,8 @@ def prove(compilation: Compilation) -> None:
     compilation.ranges = find_ranges(compilation.blocks, compilation.order, compilation.sources, compilation.attempt)
     for block in compilation.blocks:
         if isinstance(block, Actuator):
-            for name, limit in (compilation.attempt(block, block.command_limits) or {}).items():
+            limits: dict[str, Interval] = compilation.attempt(block, block.command_limits) or {}
+            for name, limit in limits.items():
                 prove_command(compilation, block, name, limit)
             commands = {
                 name: interval_of(compilation.sources[block, name], compilation.ranges) for name in block.inputs

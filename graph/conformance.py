@@ -176,7 +176,7 @@ class Drive:
         else:
             self.block.scratch.restart()
 
-    def step(self, inputs):
+    def step(self, inputs: dict[str, Any]) -> dict[str, Any]:
         """Compute one tick, including the update. Returns {output: value}."""
         block = self.block
         if block.is_python:
@@ -336,19 +336,20 @@ def with_live(kind: type[Block], parameters: dict[str, Any], names: Sequence[str
     return None
 
 
-def accepted(param: Param, values: Sequence[Any]) -> set[float]:
+def accepted(param: Param[Any], values: Sequence[Any]) -> set[float]:
     """Return the finite ones of some values that a parameter accepts, in its type."""
-    found = set()
+    found: set[float] = set()
     for value in values:
         try:
             value = param.check(value if param.dtype is float or value is None else param.dtype(value))
         except (ValueError, OverflowError):
             continue
-        found |= {value} if value is not None and math.isfinite(value) else set()
+        if value is not None and math.isfinite(value):
+            found.add(value)
     return found
 
 
-def test_values(param: Param, value: float | None) -> Sequence[float | bool | None]:
+def test_values(param: Param[Any], value: float | None) -> Sequence[float | bool | None]:
     """Return some valid values of a parameter, the present one first."""
     if param.dtype is bool:
         return [value, not value]

@@ -19,6 +19,7 @@ from cext.user_text import repr_of, text_of
 from graph import units
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.interval import Interval
+from graph.narrowing import is_row, is_tuple
 from graph.signal import Signal
 
 RAMP_TIME = 1.0  # s in which a live parameter without a slew crosses its range
@@ -73,7 +74,7 @@ class Port(Declaration):
 
     def __init__(self, unit: str, description: str = "", *, shape: Shape = (), dtype: DType = float) -> None:
         if shape is not ... and not (
-            isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)
+            is_tuple(shape) and all(isinstance(length, int) and length > 0 for length in shape)
         ):
             raise TypeError(f"shape must be a tuple of lengths, as in (3,), or ..., got {shape!r}")
         if dtype not in DTYPES:
@@ -212,7 +213,7 @@ class Param(Declaration, Generic[T]):
         description: str = "",
         *,
         required: bool = False,
-        dtype: type[tuple] | None = None,
+        dtype: type[tuple[Any, ...]] | None = None,
         **options: Unpack[ParamOptions],
     ) -> None: ...
     @overload
@@ -374,7 +375,7 @@ class Param(Declaration, Generic[T]):
 
     def in_unit(self, value: Any) -> Any:
         """Convert quantities that name their unit, such as "10 deg", even in a tuple. ValueError"""
-        if isinstance(value, (tuple, list)):
+        if is_row(value):
             return type(value)(map(self.in_unit, value)) if self.dtype is tuple else value
         quantity = self.dtype in (float, tuple) and isinstance(value, str) and QUANTITY.match(value)
         return units.parse_quantity(value, self.unit) if quantity else value
@@ -422,8 +423,8 @@ class Live:
     def __init__(
         self, value: float, *, min: float | None = None, max: float | None = None, slew: float | None = None
     ) -> None:
-        self.value, self.min = value, min
-        self.max, self.slew = max, slew
+        self.value, self.min, self.max = value, min, max
+        self.slew: Any = slew
 
     def bounds(self, param: Param[Any]) -> LiveBounds:
         """Return the LiveBounds for a Param. Raises ValueError for invalid bounds."""

@@ -253,7 +253,7 @@ class Actuator(Device):
         return f"code {code}"
 
 
-def plain_attributes(block: Any) -> dict[str, Any]:
+def plain_attributes(block: Block) -> dict[str, Any]:
     """Return the public attributes of a block that are numbers, text or tuples of them."""
     return {
         name: value

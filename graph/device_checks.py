@@ -83,8 +83,8 @@ def check_relays(compilation: Compilation) -> None:
     """Check that the diagram has the actuators and buses that a relay powers."""
     actuators = [block for block in compilation.blocks if isinstance(block, Actuator)]
     known = {name for block in actuators for name in (block.path, block.bus)}
-    for block in compilation.blocks:
-        for name in sorted(set(block.protects) - known) if isinstance(block, Device) else ():
+    for block in compilation.devices:
+        for name in sorted(set(block.protects) - known):
             compilation.report(
                 "TW010",
                 f"protects: the diagram has no actuator and no bus of actuators named {name!r}",
@@ -97,8 +97,8 @@ def check_relays(compilation: Compilation) -> None:
 
 def check_timeouts(compilation: Compilation) -> None:
     """Report devices whose timeout is shorter than two ticks."""
-    for block in compilation.blocks:
-        if isinstance(block, Device) and 0.0 < block.timeout < 2.0 / compilation.diagram.rate:
+    for block in compilation.devices:
+        if 0.0 < block.timeout < 2.0 / compilation.diagram.rate:
             compilation.report(
                 "TW010",
                 f"timeout: {block.timeout:g} s is shorter than two ticks at "
@@ -110,9 +110,9 @@ def check_timeouts(compilation: Compilation) -> None:
 
 def check_addresses(compilation: Compilation) -> None:
     """Report devices with the same address on one bus."""
-    taken = {}
-    for block in compilation.blocks:
-        for address in block.addresses() if isinstance(block, Device) else ():
+    taken: dict[tuple[str, object], Device] = {}
+    for block in compilation.devices:
+        for address in block.addresses():
             other = taken.setdefault((block.bus, address), block)
             if other is not block:
                 what = block.address_in_words(address)
@@ -127,7 +127,7 @@ def check_addresses(compilation: Compilation) -> None:
 
 def check_bitrates(compilation: Compilation) -> None:
     """Check that all devices on a CAN bus that declare a bitrate have the same one."""
-    devices = [block for block in compilation.blocks if isinstance(block, Actuator) or "bitrate" in block.parameters]
+    devices = [block for block in compilation.devices if isinstance(block, Actuator) or "bitrate" in block.parameters]
     for block in devices:
         other = next((other for other in devices if other.bus == block.bus and other.bitrate > block.bitrate), None)
         if other is not None:
@@ -143,10 +143,8 @@ def check_bitrates(compilation: Compilation) -> None:
 
 def check_lines(compilation: Compilation) -> None:
     """Check that a bus has one medium, and a stream one device."""
-    first = {}
-    for block in compilation.blocks:
-        if not isinstance(block, Device):
-            continue
+    first: dict[str, Device] = {}
+    for block in compilation.devices:
         other = first.setdefault(block.bus, block)
         if (
             other is not block
@@ -168,11 +166,9 @@ def check_lines(compilation: Compilation) -> None:
 
 def check_buses(compilation: Compilation) -> None:
     """Compute the load of each bus and serial line, and report overloaded ones."""
-    compilation.loads = bus_loads(
-        [block for block in compilation.blocks if isinstance(block, Device)], compilation.diagram.rate
-    )
+    compilation.loads = bus_loads(compilation.devices, compilation.diagram.rate)
     for load in compilation.loads:
-        there = [block for block in compilation.blocks if isinstance(block, Device) and block.bus == load.bus]
+        there = [block for block in compilation.devices if block.bus == load.bus]
         what = (
             f"{load.frames:g} frames per second use {load.typical:.0%} of bus {load.bus!r} at "
             f"{load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} in the worst case"
@@ -187,7 +183,7 @@ def check_buses(compilation: Compilation) -> None:
 
 def check_line_speeds(compilation: Compilation) -> None:
     """Report serial lines that cannot carry the messages of their device, or only just."""
-    for load in line_loads([block for block in compilation.blocks if isinstance(block, Device)]):
+    for load in line_loads(compilation.devices):
         what = (
             f"{load.messages:g} messages per second, at least {load.bytes:g} bytes, use {load.share:.0%} of "
             f"its line at {load.speed:g} bit/s"

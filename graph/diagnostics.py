@@ -101,7 +101,7 @@ _OWN = tuple(str(Path(__file__).resolve().parent.parent / package) + "/" for pac
 
 def caller() -> Location | None:
     """Return the Location of the nearest frame outside `graph` and `blocks`: the user's line."""
-    frame: FrameType | None = sys._getframe(1)
+    frame: FrameType | None = sys._getframe(1)  # pyright: ignore[reportPrivateUsage] as in CPython's own modules
     while frame is not None and frame.f_code.co_filename.startswith(_OWN):
         frame = frame.f_back
     return Location(frame.f_code.co_filename, frame.f_lineno) if frame is not None else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -15,11 +15,12 @@ from cext.user_text import repr_of
 from graph import hints
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 from graph.names import check_name, count, snake_case, suggestion
+from graph.narrowing import is_tuple
 from graph.signal import Signal
 
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
-_scope: ContextVar[Scope | None] = ContextVar("tickwork_scope", default=None)
+scope_in_context: ContextVar[Scope | None] = ContextVar("tickwork_scope", default=None)
 _strays: ContextVar[list[Any] | None] = ContextVar("tickwork_strays", default=None)
 
 
@@ -38,7 +39,7 @@ class Scope(Struct, frozen=True):
     diagram: Diagram
     prefix: str = ""
     every: int = 1
-    conditions: tuple = ()
+    conditions: tuple[Signal, ...] = ()
 
     def adopt(self, block: Any, name: str | None) -> None:
         """Add a block to the diagram."""
@@ -48,7 +49,7 @@ class Scope(Struct, frozen=True):
 
 
 @contextmanager
-def no_block_outside(file: str) -> Iterator[None]:
+def no_block_outside(file: str) -> Generator[None]:
     """Raise DiagramError at the end for each block that a line of `file` has made outside every diagram.
 
     One of which only step() is called computes, and is permitted; in Python it must have an output.
@@ -83,7 +84,7 @@ def note_stray(block: Any) -> None:
 
 def current_scope() -> Scope | None:
     """Return the scope of the enclosing `with Diagram(...)` or `with subsystem(...)`, or None."""
-    return _scope.get()
+    return scope_in_context.get()
 
 
 class Diagram:
@@ -120,11 +121,11 @@ class Diagram:
         self.not_entered: list[subsystem] = []  # subsystems that no `with` has opened
 
     def __enter__(self) -> Diagram:
-        self._tokens.append(_scope.set(Scope(self)))
+        self._tokens.append(scope_in_context.set(Scope(self)))
         return self
 
     def __exit__(self, *exception: object) -> None:
-        _scope.reset(self._tokens.pop())
+        scope_in_context.reset(self._tokens.pop())
 
     def __getitem__(self, path: str) -> Any:
         """Return the block at a path. Raises KeyError if there is none."""
@@ -175,7 +176,7 @@ class Diagram:
                         hint="create both blocks inside the same `with Diagram(...)`",
                     )
                 )
-        elif isinstance(source, tuple) and source and all(isinstance(item, Signal) for item in source):
+        elif is_tuple(source) and source and all(isinstance(item, Signal) for item in source):
             raise DiagramError(
                 Diagnostic(
                     "TW012",
@@ -216,7 +217,7 @@ class subsystem:
     """
 
     def __init__(self, name: str, *, every: int = 1, enabled: Signal | None = None) -> None:
-        scope = _scope.get()
+        scope = scope_in_context.get()
         where = caller()
         check_name(name, where)
         if scope is None:
@@ -237,7 +238,7 @@ class subsystem:
                     where=where,
                 )
             )
-        if enabled is not None and (not isinstance(enabled, Signal) or enabled.declaration.shape not in ((), ...)):
+        if not may_be_scalar(enabled):
             raise DiagramError(
                 Diagnostic(
                     "TW012", f"enabled must be a scalar signal, got {repr_of(enabled)}", path=str(name), where=where
@@ -251,16 +252,21 @@ class subsystem:
     def __enter__(self) -> subsystem:
         if self in self.scope.diagram.not_entered:
             self.scope.diagram.not_entered.remove(self)
-        self.token = _scope.set(self.scope)
+        self.token = scope_in_context.set(self.scope)
         return self
 
     def __exit__(self, *exception: object) -> None:
-        _scope.reset(self.token)
+        scope_in_context.reset(self.token)
 
 
 def is_count(every: object) -> bool:
     """Return whether a value is a number of ticks, 1 or more."""
-    return isinstance(every, (int, np.integer)) and not isinstance(every, bool) and 1 <= int(every) < 2**31
+    return not isinstance(every, bool) and isinstance(every, numbers.Integral) and 1 <= int(every) < 2**31
+
+
+def may_be_scalar(enabled: object) -> bool:
+    """Return whether a value is None or a signal that is not declared as an array."""
+    return enabled is None or isinstance(enabled, Signal) and enabled.declaration.shape in ((), ...)
 
 
 def is_number(value: Any) -> bool:

@@ -26,7 +26,7 @@ def main(diagram: Diagram | None = None) -> None:
     Raises ValueError for any other diagram, since the command line takes the diagram from the file, and ImportError if
     another package has the name `runtime`.
     """
-    caller = sys._getframe(1).f_globals
+    caller = sys._getframe(1).f_globals  # pyright: ignore[reportPrivateUsage] as in CPython's own modules
     if caller.get("__name__") != "__main__":
         return
     if diagram is not None and diagram is not caller.get("diagram"):

@@ -41,9 +41,9 @@ class Answer:
     enabled: bool | None = None
     unique: str = ""
     firmware: str = ""
-    remarks: list = field(default_factory=list)
-    notes: list = field(default_factory=list)
-    settings: dict = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list[str])
+    notes: list[str] = field(default_factory=list[str])
+    settings: dict[str, Any] = field(default_factory=dict[str, Any])
     block: str = ""
 
 
@@ -93,15 +93,15 @@ class Drive(Struct, frozen=True):
     wire_damping; None or 0 for a quantity that it does not have.
     """
 
-    block: type
+    block: type[Any]
     find: Callable[[str], Any]
     option: str = ""
     help: str = ""
-    movements: tuple = ("torque", "position", "velocity")
-    bounded: tuple = ("torque", "position", "velocity")
-    settings: Callable[[str, float, float, float], dict] | None = None
-    wire: Callable[[Any, str, float, dict], None] | None = None
-    endings: tuple = ()
+    movements: tuple[str, ...] = ("torque", "position", "velocity")
+    bounded: tuple[str, ...] = ("torque", "position", "velocity")
+    settings: Callable[[str, float, float, float], dict[str, Any]] | None = None
+    wire: Callable[[Any, str, float, dict[str, Any]], None] | None = None
+    endings: tuple[str, ...] = ()
 
 
 class Table(Struct, frozen=True):
@@ -109,7 +109,7 @@ class Table(Struct, frozen=True):
 
     title: str
     usage: str
-    models: dict
+    models: dict[str, Any]
 
 
 class Node(Struct, frozen=True):
@@ -121,11 +121,11 @@ class Node(Struct, frozen=True):
     silent : remedy if a unit does not return its settings
     """
 
-    block: type
+    block: type[Any]
     name: str
     manufacturer: int
-    groups: dict
-    options: dict
+    groups: dict[int, str]
+    options: dict[str, tuple[str, str]]
     channels: Callable[[Any], list[str]]
     set_up: Callable[[Any], list[Frame]]
     silent: str = ""
@@ -139,9 +139,9 @@ class Chip(Struct, frozen=True):
     block : class, None for a chip that is recognised but has no block
     """
 
-    addresses: tuple
-    registers: tuple = ()
-    block: type | None = None
+    addresses: tuple[int, ...]
+    registers: tuple[int, dict[int, str], int] | tuple[()] = ()
+    block: type[Any] | None = None
     name: str = ""
 
     @property
@@ -157,9 +157,9 @@ class Benchmark(Struct, frozen=True):
     stream : (samples, rate in Hz) -> bytes that the device sends on a serial line; parse : decodes them in Python
     """
 
-    block: type
-    emulator: type
-    parameters: dict = {}
+    block: type[Any]
+    emulator: type[Any]
+    parameters: dict[str, Any] = {}
     stream: Callable[[int, float], bytes] | None = None
     parse: Callable[[bytes], Any] | None = None
 
@@ -173,8 +173,8 @@ class Request(Struct, frozen=True):
     """
 
     can_id: int
-    reads: tuple = ()
-    writes: tuple = ()
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
     zero: bool = False
     protocol: str | None = None
     new_id: int | None = None
@@ -182,7 +182,7 @@ class Request(Struct, frozen=True):
 
     def other_than(self, *allowed: str) -> list[str]:
         """Return the options of this request that are not among `allowed`."""
-        asked = {
+        asked: dict[str, object] = {
             "--read": self.reads,
             "--write": self.writes,
             "--zero": self.zero,
@@ -213,13 +213,13 @@ class Family:
     queries: tuple[Query, ...] = ()
     nodes: tuple[Node, ...] = ()
     chips: tuple[Chip, ...] = ()
-    sensors: tuple[type, ...] = ()
+    sensors: tuple[type[Any], ...] = ()
     bus_hint: str = ""
     vendor_program: str = ""
     configure_note: str = ""
     benchmark: Benchmark | None = None
 
-    def __init_subclass__(cls):
+    def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if cls.drives and cls.stop_query is Family.stop_query:
             raise TypeError(f"{cls.__name__} has drives: define stop_query(self, block), which returns a StopQuery")

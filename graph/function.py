@@ -15,6 +15,7 @@ from typing import Any
 from graph.block import Block
 from graph.class_checks import CLOCK
 from graph.declarations import Input, Output, Param
+from graph.narrowing import is_table
 
 
 def block(function: Callable[..., Any]) -> type[Block]:
@@ -26,7 +27,7 @@ def block(function: Callable[..., Any]) -> type[Block]:
     Raises TypeError for an incomplete signature.
     """
     try:
-        annotations = inspect.get_annotations(function, eval_str=True)
+        annotations: dict[str, Any] = inspect.get_annotations(function, eval_str=True)
     except NameError as error:
         raise TypeError(
             f"{function.__name__}: {error.name!r} in its annotations is not defined: annotate an argument with "
@@ -35,17 +36,18 @@ def block(function: Callable[..., Any]) -> type[Block]:
     outputs = annotations.pop("return", None)
     if isinstance(outputs, Output):
         outputs = {"y": outputs}
-    if not isinstance(outputs, dict) or not all(isinstance(port, Output) for port in outputs.values()):
+    if not is_table(outputs) or not all(isinstance(port, Output) for port in outputs.values()):
         raise TypeError(
             f"{function.__name__} has no return annotation: add -> Output(unit), or -> {{name: Output(unit), ...}}"
         )
-    body = {
+    body: dict[str, Any] = {
         "__doc__": function.__doc__,
         "__module__": function.__module__,
         "__qualname__": function.__qualname__,
         "function": staticmethod(function),
     }
-    arguments, parameters = [], []
+    arguments: list[str] = []
+    parameters: list[str] = []
     for name in inspect.signature(function).parameters:
         declaration = annotations.get(name)
         if isinstance(declaration, Param):

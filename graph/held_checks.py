@@ -93,7 +93,8 @@ class HeldPaths:
         sources = {source for each in block.inputs if isinstance(source := compilation.sources[block, each], Signal)}
         unit = block.inputs[name].unit
         start = compilation.sources[block, name]
-        part = unit == ANY and start.block.outputs[start.port].dtype == block.outputs[output].dtype == "float"
+        dtype = start.declaration.dtype if isinstance(start, Signal) else "float"
+        part = unit == ANY and dtype == block.outputs[output].dtype == "float"
         if len(sources) > 1 and not part and compilation.units[block, output] != unit:
             return False
         inputs = {each: EVERYTHING if each == name else self.assumed(block, each) for each in block.inputs}
@@ -122,7 +123,7 @@ class HeldPaths:
     def made(block: Block, output: str, inputs: dict[str, Interval]) -> Interval | None:
         """Return the Interval of an output for those of the inputs; None if the block states none."""
         try:
-            stated = block.output_range(**inputs)
+            stated: Interval | dict[str, Interval] | None = block.output_range(**inputs)
         except Exception:
             return None
         found = stated.get(output) if isinstance(stated, dict) else stated

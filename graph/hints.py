@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graph import units
 from graph.declarations import Input
 from graph.names import suggestion
+from graph.narrowing import is_row
 from graph.signal import Signal
 from graph.signal_misuse import STACK
+
+if TYPE_CHECKING:
+    from graph.block import Block
 
 
 def for_source(source: Any, variadic: bool) -> str:
@@ -17,22 +21,22 @@ def for_source(source: Any, variadic: bool) -> str:
 
     variadic : whether the block takes any number of signals
     """
-    if isinstance(source, type) and hasattr(source, "step_inputs"):  # a class of blocks
-        return f"make a block and call it, as in {source.__name__}(...)({', '.join(source.inputs)})"
     if hasattr(source, "step_inputs"):
-        inputs = [name for name, port in source.inputs.items() if port.default is None]
-        kind = type(source).__name__
-        if inputs or len(source.outputs) == 1:
-            return f"call the block to get its output, as in {kind}(...)({', '.join(inputs)})"
-        return f"choose an output of {source.path}: {', '.join(source.outputs) or 'it has none'}"
+        block: Block = source
+        if isinstance(source, type):  # a class of blocks
+            return f"make a block and call it, as in {source.__name__}(...)({', '.join(block.inputs)})"
+        inputs = [name for name, port in block.inputs.items() if port.default is None]
+        if inputs or len(block.outputs) == 1:
+            return f"call the block to get its output, as in {type(block).__name__}(...)({', '.join(inputs)})"
+        return f"choose an output of {block.path}: {', '.join(block.outputs) or 'it has none'}"
     if isinstance(source, Input):
         return f"{source.name} is an input: connect an output, or the signal that is connected to this input"
-    if isinstance(source, (list, tuple)) and any(isinstance(item, Signal) for item in source):
+    if is_row(source) and any(isinstance(item, Signal) for item in source):
         return "pass the signals one by one, as in block(a, b)" if variadic else STACK
     return "connect an output of a block, as in knee.position, or the result of a call"
 
 
-def for_parameter(block: Any, name: str) -> str:
+def for_parameter(block: Block, name: str) -> str:
     """Return the remedy for an argument of a block's class that is not a parameter. name : name of the argument"""
     if name in block.inputs:
         return in_second_parentheses(block, f"{name}=...")
@@ -41,7 +45,7 @@ def for_parameter(block: Any, name: str) -> str:
     return suggestion(name, block.parameters) or f"it has {', '.join(block.parameters) or 'none'}"
 
 
-def for_argument(kind: Any, name: str) -> str:
+def for_argument(kind: type[Block], name: str) -> str:
     """Return "; " and the remedy for an argument of `step` that is not an input, or ""; name : name of the argument"""
     if name in kind.parameters:
         return f"; it is a parameter: read self.{name}"
@@ -71,7 +75,7 @@ def for_input(block: Any, name: str | None) -> str:
     return suggestion(name, block.inputs) or f"its inputs are {', '.join(block.inputs) or 'none'}"
 
 
-def for_assignment(block: Any) -> str:
+def for_assignment(block: Block) -> str:
     """Return a remedy if a signal was assigned to an attribute of a block, which connects nothing; else ""."""
     name = next(
         (name for name, value in vars(block).items() if isinstance(value, Signal) and value.block is not block), ""
@@ -84,6 +88,7 @@ def for_assignment(block: Any) -> str:
 
 def for_attribute(block: Any) -> str:
     """Return a remedy if a block is an attribute of another one, as if created in its `reset`; else ""."""
+    owner: Block
     for owner in block.diagram:
         name = next((name for name, value in vars(owner).items() if value is block), "")
         if name and owner is not block:

@@ -17,15 +17,16 @@ from graph.signal import Signal
 if TYPE_CHECKING:
     import numpy as np
 
+    from graph.declarations import Port
+    from graph.upstream import Sources
 
-def spread(
-    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal], visit: Callable[..., Any]
-) -> None:
+
+def spread(blocks: Sequence[Block], sources: Sources, visit: Callable[[Block], bool]) -> None:
     """Visit every block, and again the followers of a block whose outputs have changed.
 
     visit : called with a block; returns whether a property of its outputs was inferred
     """
-    followers = {}
+    followers: dict[Block, list[Block]] = {}
     for (block, _), source in sources.items():
         if isinstance(source, Signal):
             followers.setdefault(source.block, []).append(block)
@@ -40,23 +41,21 @@ def spread(
                     waiting.append(follower)
 
 
-def infer_shapes(
-    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]
-) -> dict[tuple[Block, str], tuple[int, ...]]:
+def infer_shapes(blocks: Sequence[Block], sources: Sources) -> dict[tuple[Block, str], tuple[int, ...]]:
     """Return {(block, port name): shape}.
 
     The ports declared `...` of a block have the shape of the first such input that is not a scalar, or () if all are
     scalars. A scalar at an input with `broadcast` remains a scalar.
     """
-    free = {}
+    free: dict[Block, tuple[int, ...]] = {}
 
-    def shape_of(source):
+    def shape_of(source: np.ndarray | Signal) -> tuple[int, ...] | None:
         if not isinstance(source, Signal):
             return source.shape  # a number has shape () and fits any shape
         shape = source.declaration.shape
         return free.get(source.block) if shape is ... else shape
 
-    def visit(block, allow_scalar):
+    def visit(block: Block, allow_scalar: bool) -> bool:
         if block in free:
             return False
         shapes = [shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...]
@@ -71,7 +70,7 @@ def infer_shapes(
     for allow_scalar in (False, True) if has_arrays else (True,):
         spread(blocks, sources, partial(visit, allow_scalar=allow_scalar))
 
-    def shape_at(block, name, port):
+    def shape_at(block: Block, name: str, port: Port) -> tuple[int, ...]:
         if port.shape is not ...:
             return port.shape
         shape = free.get(block, ())
@@ -85,7 +84,7 @@ def infer_shapes(
 
 
 def infer_units(
-    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal], attempt: Callable[..., Any]
+    blocks: Sequence[Block], sources: Sources, attempt: Callable[..., Any]
 ) -> tuple[dict[tuple[Block, str], str], dict[Block, str]]:
     """Return ({(block, port name): unit}, {block: unit of its ports declared "any"}).
 
@@ -94,15 +93,15 @@ def infer_units(
     attempt : called as attempt(block, hook); calls the hook of a block, reports its errors and then returns None
     """
     known = {(block, name): port.unit for block in blocks for name, port in (block.inputs | block.outputs).items()}
-    shared = {}
+    shared: dict[Block, str] = {}
 
-    def unit_of(block, name):
+    def unit_of(block: Block, name: str) -> str:
         source = sources[block, name]
         if block.inputs[name].unit != units.ANY or not isinstance(source, Signal):
             return block.inputs[name].unit
         return known[source.block, source.port]
 
-    def visit(block):
+    def visit(block: Block) -> bool:
         of_inputs = {name: unit_of(block, name) for name in block.inputs}
         if block not in shared:
             candidates = (
@@ -113,7 +112,7 @@ def infer_units(
             unit = next((unit for unit in candidates if unit != units.ANY), None)
             if unit is not None:
                 shared[block] = unit
-        own = (
+        own: dict[str, str] = (
             attempt(block, lambda: stated_units(block, of_inputs)) or {}
             if type(block).output_units is not Block.output_units
             else {}

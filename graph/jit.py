@@ -107,13 +107,13 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
     rewritten = Rewriter(block, slots, outputs, [a.arg for a in function.args.args[1:]]).kernel(function)
-    namespace = {**method.__globals__, "math": math, "finite_or_raise": numba.njit(finite_or_raise)}
+    namespace: dict[str, Any] = {**method.__globals__, "math": math, "finite_or_raise": numba.njit(finite_or_raise)}
     exec(compile(rewritten, inspect.getsourcefile(method) or "<step>", "exec"), namespace)
     pointer = types.CPointer
     signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
-    step = numba.njit(error_model="numpy")(namespace["kernel"])
+    step: Callable[..., int] = numba.njit(error_model="numpy")(namespace["kernel"])
 
-    def guarded(arena, slots, sizes):
+    def guarded(arena: Any, slots: Any, sizes: Any) -> int:
         try:
             return step(arena, slots, sizes)
         except Exception:  # a C function would print it and return 0
@@ -210,7 +210,7 @@ class Rewriter(ast.NodeTransformer):
     def visit_Return(self, node: Return) -> list[stmt]:
         """Replace a return by stores to the outputs and the status 0."""
         self.generic_visit(node)
-        stores = []
+        stores: list[stmt] = []
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
         if self.outputs and (node.value is None or len(values) != len(self.outputs)):
             raise CannotCompile(

@@ -83,7 +83,7 @@ def rejected_combination(block: Block, names: list[str], dt: float) -> tuple[dic
 
 def samples(block: Block, names: list[str]) -> Iterator[dict[str, Any]]:
     """Yield combinations of live values: the corners of the bounds, and pairs of values in between."""
-    corners = {}
+    corners: dict[str, list[Any]] = {}
     for name in names:
         bounds: Any = block.live(name)
         corners[name] = [block.parameters[name].dtype(value) for value in dict.fromkeys((bounds.min, bounds.max))]

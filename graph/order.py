@@ -6,7 +6,7 @@ The import of networkx takes 0.1 s and 20 MB, so that only a compile imports thi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import networkx as nx
 
@@ -14,17 +14,18 @@ from graph.signal import Signal
 from graph.upstream import computes
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from graph.block import Block
+    from graph.upstream import Sources
+
+    Graph: TypeAlias = nx.DiGraph[Block]
 
 
-def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> nx.DiGraph:
+def dependencies(blocks: Sequence[Block], sources: Sources) -> Graph:
     """Return the direct feedthroughs and conditions among blocks, as a DiGraph of the blocks that compute.
 
     The attributes `source` and `port` of an edge are the names of the output and of the input.
     """
-    graph = nx.DiGraph()
+    graph: Graph = nx.DiGraph()
     graph.add_nodes_from(block for block in blocks if computes(block))
     for block in graph:
         for name in block.step_inputs():
@@ -41,12 +42,12 @@ def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.nd
     return graph
 
 
-def take_out_loops(graph: nx.DiGraph) -> list[list[tuple[Block, str, Block, str]]]:
+def take_out_loops(graph: Graph) -> list[list[tuple[Block, str, Block, str]]]:
     """Remove the edges of algebraic loops from the dependencies.
 
     Returns one cycle of each loop, as a list of (block, output, block, input).
     """
-    cycles = []
+    cycles: list[list[tuple[Block, str, Block, str]]] = []
     for component in list(nx.strongly_connected_components(graph)):
         inside = graph.subgraph(component)
         if not inside.number_of_edges():
@@ -60,17 +61,17 @@ def take_out_loops(graph: nx.DiGraph) -> list[list[tuple[Block, str, Block, str]
     return cycles
 
 
-def shortest_cycle(graph: nx.DiGraph, first: Block) -> list[tuple[Block, Block]]:
+def shortest_cycle(graph: Graph, first: Block) -> list[tuple[Block, Block]]:
     """Return the edges of a shortest cycle through a block."""
     if graph.has_edge(first, first):
         return [(first, first)]
-    paths = nx.shortest_path(graph, first)
+    paths = nx.single_source_shortest_path(graph, first)
     last = min(graph.predecessors(first), key=lambda block: (len(paths[block]), block.path))
     around = paths[last] + [first]
     return list(zip(around, around[1:]))
 
 
-def ordered(graph: nx.DiGraph) -> list[Block]:
+def ordered(graph: Graph) -> list[Block]:
     """Return the blocks of an acyclic graph in the topological order of networkx, by a key.
 
     The first part of the key is the number of changes of kind on the way to a block, so that steps of one kind are
@@ -110,7 +111,7 @@ def components(blocks: Iterable[Block], before: Mapping[Block, Iterable[Block]])
 
     before : {block: the blocks that are connected to its inputs}
     """
-    graph: nx.DiGraph[Any] = nx.DiGraph()
+    graph: Graph = nx.DiGraph()
     graph.add_nodes_from(blocks)
     graph.add_edges_from((other, block) for block in graph for other in before[block])
     condensed = nx.condensation(graph)

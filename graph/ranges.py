@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from graph.block import Block
+    from graph.upstream import Sources
 
 GROWTH_LIMIT = 3  # growths of a block without direct feedthrough, after which its growing bound is infinite
 UPWARD_LIMIT = 16  # evaluations of a block in the upward pass, after which its outputs are unbounded
@@ -32,10 +33,7 @@ ZERO = Interval.point(0.0)
 
 
 def find_ranges(
-    blocks: Sequence[Block],
-    order: Sequence[Block],
-    sources: dict[tuple[Block, str], np.ndarray | Signal],
-    attempt: Callable[..., Any],
+    blocks: Sequence[Block], order: Sequence[Block], sources: Sources, attempt: Callable[..., Any]
 ) -> dict[Signal, Interval]:
     """Return {Signal: Interval} for all outputs.
 
@@ -66,15 +64,17 @@ def interval_of_numbers(source: np.ndarray) -> Interval:
 class _Analysis:
     """Interval propagation through a diagram, one strongly connected component after another."""
 
-    def __init__(self, blocks, order, sources, attempt):
+    def __init__(
+        self, blocks: Sequence[Block], order: Sequence[Block], sources: Sources, attempt: Callable[..., Any]
+    ) -> None:
         self.sources, self.attempt = sources, attempt
-        self.ranges = {}  # block: {output: Interval}
+        self.ranges: dict[Block, dict[str, Interval]] = {}
         self.rank = {block: place for place, block in enumerate(order)}
         for block in blocks:
             if not computes(block) and block.outputs:  # the outputs of a device do not follow from its inputs
                 self.ranges[block] = self.evaluate(block, EVERYTHING)
         self.before = {block: self.blocks_before(block) for block in order}
-        self.followers = {block: [] for block in order}
+        self.followers: dict[Block, list[Block]] = {block: [] for block in order}
         for block, others in self.before.items():
             for other in others:
                 self.followers[other].append(block)
@@ -84,7 +84,7 @@ class _Analysis:
             elif component[0].outputs:
                 self.ranges[component[0]] = self.evaluate(component[0])
 
-    def blocks_before(self, block):
+    def blocks_before(self, block: Block) -> list[Block]:
         """Return the blocks connected to the inputs of a block, with or without direct feedthrough."""
         sources = (self.sources[block, name] for name in block.inputs)
         return list(
@@ -93,7 +93,7 @@ class _Analysis:
             )
         )
 
-    def components(self, order):
+    def components(self, order: Sequence[Block]) -> list[list[Block]]:
         """Return the strongly connected components as lists of blocks, in topological order."""
         from graph.order import components  # imports networkx
 
@@ -101,12 +101,13 @@ class _Analysis:
 
     # One block
 
-    def evaluate(self, block, unknown=None):
+    def evaluate(self, block: Block, unknown: Interval | None = None) -> dict[str, Interval]:
         """Return {output: Interval} of a block from the intervals of its inputs.
 
         unknown : Interval for inputs without a result; None: evaluate `start_range`, with 0 at these inputs
         """
-        inputs, hook = {}, block.output_range
+        inputs: dict[str, Interval] = {}
+        hook = block.output_range
         for name in block.inputs:
             source = self.sources[block, name]
             if not isinstance(source, Signal):
@@ -124,19 +125,21 @@ class _Analysis:
 
     # Loops
 
-    def upward(self, loop):
+    def upward(self, loop: Sequence[Block]) -> Sequence[Block]:
         """Grow the intervals of a loop from the start values to a fixed point.
 
         Returns the blocks at which the downward pass begins.
         """
-        inside, guessed = set(loop), []
+        guessed: list[Block] = []
         for block in loop:
             if any(other not in self.ranges for other in self.before[block]):
                 guessed.append(block)
             self.ranges[block] = self.evaluate(block)
-        growths, evaluations, widened = dict.fromkeys(loop, 0), dict.fromkeys(loop, 0), []
+        growths, evaluations = dict.fromkeys(loop, 0), dict.fromkeys(loop, 0)
+        widened = False
 
-        def grow(block):
+        def grow(block: Block) -> bool:
+            nonlocal widened
             evaluations[block] += 1
             before = self.ranges[block]
             after = {name: interval | before[name] for name, interval in self.evaluate(block).items()}
@@ -145,21 +148,21 @@ class _Analysis:
             growths[block] += 1
             if evaluations[block] > UPWARD_LIMIT:
                 after = dict.fromkeys(after, EVERYTHING)
-                widened.append(block)
+                widened = True
             elif growths[block] > GROWTH_LIMIT and len(block.step_inputs()) < len(block.inputs):
                 after = {name: interval.widened(before[name]) for name, interval in after.items()}
-                widened.append(block)
+                widened = True
             self.ranges[block] = after
             return True
 
-        self.spread(guessed, grow, inside)
+        self.spread(guessed, grow, set(loop))
         return loop if widened else guessed
 
-    def downward(self, first, inside):
+    def downward(self, first: Sequence[Block], inside: set[Block]) -> None:
         """Narrow the intervals of a loop, beginning at the blocks `first`."""
         evaluations = dict.fromkeys(inside, 0)
 
-        def narrow(block):
+        def narrow(block: Block) -> bool:
             evaluations[block] += 1
             before = self.ranges[block]
             after = {name: interval & before[name] for name, interval in self.evaluate(block).items()}
@@ -168,7 +171,7 @@ class _Analysis:
 
         self.spread(first, narrow, inside)
 
-    def spread(self, first, visit, inside):
+    def spread(self, first: Sequence[Block], visit: Callable[[Block], bool], inside: set[Block]) -> None:
         """Visit blocks in rounds, each in topological order, and again the followers of each block that changed.
 
         visit : called with a block; returns whether its intervals changed

@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graph import units
 from graph.block import Sink, range_of
+from graph.declarations import LiveBounds
 from graph.device import Actuator, Device
 from graph.hints import for_degrees
 from graph.interval import EVERYTHING, Interval
+from graph.narrowing import is_table
 from graph.ranges import find_ranges, interval_of, interval_of_numbers
 from graph.signal import Signal
 from graph.upstream import followers_of
@@ -107,9 +109,9 @@ class SetpointCheck:
         for block, name, value, start in self.seeds():
             self.follow(block, name, value, start)
 
-    def while_measuring(self, order: Sequence[Block], limits: Callable[..., Any]) -> dict[Signal, Interval]:
+    def while_measuring(self, order: Sequence[Block], limits: Callable[[Reach], Interval]) -> dict[Signal, Interval]:
         """Return the intervals of all signals while each position and velocity is inside limits(Reach)."""
-        narrow = {
+        narrow: dict[Block, dict[str, Interval]] = {
             block: {
                 name: limits(measurement)
                 for name, measurement in reach.items()
@@ -124,9 +126,9 @@ class SetpointCheck:
         ):
             return self.ranges
 
-        def attempt(block, hook, **intervals):
+        def attempt(block: Block, hook: Callable[..., Any], **intervals: Interval) -> Any:
             stated = self.attempt(block, hook, **intervals)
-            return (stated if isinstance(stated, dict) else {}) | narrow[block] if narrow.get(block) else stated
+            return (stated if is_table(stated) else {}) | narrow[block] if narrow.get(block) else stated
 
         return find_ranges(self.blocks, order, self.sources, attempt)
 
@@ -139,10 +141,11 @@ class SetpointCheck:
 
     def find_fed(self) -> dict[tuple[Block, str], dict[tuple[Actuator, str], None]]:
         """Return {(block, input): {(actuator, output)}} for the inputs that a measurement reaches in one unit."""
-        fed = {}
+        fed: dict[tuple[Block, str], dict[tuple[Actuator, str], None]] = {}
         for actuator, reach in self.reaches.items():
             for output in reach.keys() & actuator.outputs.keys():
-                waiting, seen = deque([Signal(actuator, output)]), set()
+                waiting = deque([Signal(actuator, output)])
+                seen: set[Signal] = set()
                 while waiting:
                     signal = waiting.popleft()
                     for block, name in self.followers.get(signal, ()):
@@ -157,11 +160,12 @@ class SetpointCheck:
 
     def find_leads(self) -> dict[Signal, dict[tuple[Actuator, str], None]]:
         """Return {Signal: {(actuator, input)}} for the signals that reach a command in one unit."""
-        leads = {}
+        leads: dict[Signal, dict[tuple[Actuator, str], None]] = {}
         for actuator in self.reaches:
             for name in actuator.inputs:
                 unit = self.units[actuator, name]
-                waiting, seen = deque([(actuator, name)]), set()
+                waiting: deque[tuple[Block, str]] = deque([(actuator, name)])
+                seen: set[Signal] = set()
                 while waiting and self.reach_of(actuator, unit) is not None:
                     source = self.sources[waiting.popleft()]
                     if not isinstance(source, Signal) or isinstance(source.block, Device) or source in seen:
@@ -191,9 +195,10 @@ class SetpointCheck:
         """Check the setpoints of a block that compares them with the position or velocity of an actuator."""
         for unit in (POSITION, VELOCITY):
             measured = {
-                (actuator, name): None
+                (actuator, name): source
                 for name in block.inputs
                 if self.unit_of(block, name) == unit
+                if isinstance(source := self.sources[block, name], Signal)
                 for actuator, _ in self.fed.get((block, name), ())
             }
             if not measured:
@@ -204,12 +209,12 @@ class SetpointCheck:
                     source = self.sources[block, name]
                     for actuator, other in measured:
                         strict = port.unit != units.ANY or to_torque
-                        self.judge(actuator, unit, self.values(source), block, name, self.sources[block, other], strict)
+                        self.judge(actuator, unit, self.values(source), block, name, measured[actuator, other], strict)
             for name, param in block.parameters.items():
                 if param.unit == unit and param.numeric and math.isfinite(getattr(block, name)):
                     for actuator, other in measured:
                         self.judge(
-                            actuator, unit, self.values_of(block, name), block, name, self.sources[block, other], True
+                            actuator, unit, self.values_of(block, name), block, name, measured[actuator, other], True
                         )
 
     def values(self, source: np.ndarray | Signal) -> list[Value]:
@@ -230,7 +235,7 @@ class SetpointCheck:
     def as_built(self, source: Signal) -> Interval:
         """Return the interval of a block without inputs, at the initial values of its live parameters."""
         block = copy.copy(source.block)
-        block.live = lambda name: None
+        block.live = dict[str, LiveBounds]().get  # no parameter is live
         return range_of(block, source.port, promised(block))
 
     def values_of(self, block: Block, name: str) -> list[Value]:
@@ -328,7 +333,8 @@ class SetpointCheck:
     def follow(self, block: Block, name: str, value: Value, start: tuple[Block, str, str]) -> None:
         """Propagate a Value along the connections and compare it where it ends."""
         whose, port, unit = start
-        waiting, seen = deque([(block, name, value.interval)]), set()
+        waiting = deque([(block, name, value.interval)])
+        seen: set[tuple[Block, str]] = set()
         while waiting:
             block, name, interval = waiting.popleft()
             if (block, name) in seen:
@@ -353,7 +359,7 @@ class SetpointCheck:
         Returns the interval itself if the block passes it, and None if the block clips it.
         """
 
-        def of(given):
+        def of(given: Interval) -> Interval:
             return range_of(block, onward.port, promised(block, **dict.fromkeys(block.inputs, ZERO) | {name: given}))
 
         made = of(interval)

@@ -10,16 +10,19 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cext.rules import Rule, Side
 from graph.interval import EVERYTHING, Interval
 
+if TYPE_CHECKING:
+    from graph.block import Block
+
 DT = "dt"
-WORDS = {ast.LtE: "at most", ast.Lt: "below", ast.GtE: "at least", ast.Gt: "above"}
+WORDS: dict[type[ast.cmpop], str] = {ast.LtE: "at most", ast.Lt: "below", ast.GtE: "at least", ast.Gt: "above"}
 
 
-def rules_of(kind: Any) -> list[Rule]:
+def rules_of(kind: type[Block]) -> list[Rule]:
     """Return the rules of a block's class and its base classes.
 
     Raises TypeError for one that is not a linear comparison of numeric parameters.
@@ -70,7 +73,7 @@ def bound(rule: Rule, name: str, span: Callable[[str], Interval]) -> Interval:
 
 def held_bounds_of(kind: Any, held_within: Mapping[str, tuple[str, str]]) -> dict[str, tuple[Side, Side]]:
     """Return {output or memory: (low, high)} of `held_within` of a block or its class. Raises TypeError."""
-    bounds = {}
+    bounds: dict[str, tuple[Side, Side]] = {}
     for name, texts in held_within.items():
         if name not in kind.outputs and name not in kind.memory:
             raise TypeError(f"held_within: {name!r} is neither an output nor memory of the class")

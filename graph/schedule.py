@@ -1,18 +1,25 @@
 """Result of a compile, as data: arena, steps in order, devices, recorded signals. `cext` executes it."""
 
+from __future__ import annotations
+
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct
 
-from cext.rules import Side
 from graph.arena_layout import KernelTable
-from graph.device_data import DampedStop, StopReply
-from graph.interval import Interval
 
 if TYPE_CHECKING:
-    from graph.block import Sink
+    from cext.rules import LiveRule, Side
+    from graph.block import Block
+    from graph.budget import BusLoad
+    from graph.caveats import Caveat
+    from graph.device_data import DampedStop, Frame, StopReply, TorqueBound, Watch, Zeroing
+    from graph.diagnostics import Diagnostic
+    from graph.interval import Interval
+
+Shape: TypeAlias = tuple[int, ...]
 
 
 class Step(Struct, frozen=True):
@@ -23,12 +30,12 @@ class Step(Struct, frozen=True):
 
     name: str
     every: int = 1
-    conditions: tuple = ()  # slots that must all be true
+    conditions: tuple[int, ...] = ()  # slots that must all be true
     kernel: object = None
     table: KernelTable = KernelTable()
     function: object = None
-    inputs: tuple = ()
-    outputs: tuple = ()
+    inputs: tuple[tuple[str, int, str, Shape], ...] = ()
+    outputs: tuple[tuple[str, int, str, Shape, float, float], ...] = ()
     hold: int = 0  # consecutive exceptions that are not a fault
     allowance: float = 0.0  # s that it may take beyond the limits of watchdog and guardian
 
@@ -41,7 +48,7 @@ class WatchSteps(Struct, frozen=True):
     gains : slot of the allowed share of stiffness and damping, read by the kernel
     """
 
-    watch: object  # graph.device.Watch
+    watch: Watch
     torque: int
     temperature: int
     rms: int
@@ -63,7 +70,7 @@ class ZeroSteps(Struct, frozen=True):
     law : first of five slots with the command of the last frame; current : slot of a sent current
     """
 
-    zeroing: object  # graph.device.Zeroing
+    zeroing: Zeroing
     position: int
     request: int
     law: int
@@ -82,11 +89,11 @@ class DeviceSteps(Struct, frozen=True):
     age: int
     fault: int
     timeout: float
-    ask: tuple  # with replies, before it is enabled
-    set_up: tuple
-    enable: tuple
-    zero: tuple
-    disable: tuple
+    ask: tuple[Frame, ...]  # with replies, before it is enabled
+    set_up: tuple[Frame, ...]
+    enable: tuple[Frame, ...]
+    zero: tuple[Frame, ...]
+    disable: tuple[Frame, ...]
     damp: DampedStop | None = None  # first part of a safe stop, instead of zero and disable
     stop_reply: StopReply | None = None  # by which it confirms a safe stop
     unanswered: int = 0  # number of disable frames without a reply
@@ -94,8 +101,8 @@ class DeviceSteps(Struct, frozen=True):
     start_time: float = 0.0  # s at the beginning of arming during which no other device receives a frame
     watch: WatchSteps | None = None
     warning: int = -1  # slot of the warning bits
-    warnings: tuple = ()  # text of each bit
-    reads: tuple = ()  # frames of `set_up` that only read
+    warnings: tuple[str, ...] = ()  # text of each bit
+    reads: tuple[Frame, ...] = ()  # frames of `set_up` that only read
     reports_enabled: bool = False  # whether its replies contain whether it is enabled
     ready: int = -1  # slot that is not 0 after the settings are confirmed; -1: no confirmation
     ready_size: int = 0  # numbers from there on that keep their value when the blocks are reset
@@ -116,10 +123,10 @@ class SignalPlace(Struct, frozen=True):
 
     path: str
     slot: int
-    shape: tuple
+    shape: Shape
     dtype: str
     unit: str
-    circle: tuple = ()  # the two equal ends of a periodic value
+    circle: tuple[float, ...] = ()  # the two equal ends of a periodic value
 
     @property
     def size(self) -> int:
@@ -134,14 +141,14 @@ class Column(Struct, frozen=True):
     path: str
     dtype: str
     unit: str
-    circle: tuple = ()
+    circle: tuple[float, ...] = ()
     every: int = 1
 
 
 class SinkColumns(Struct, frozen=True):
     """A recorder or viewer, and its columns."""
 
-    block: "Sink"
+    block: Any  # a graph.block.Sink
     columns: tuple[Column, ...]
 
 
@@ -197,30 +204,30 @@ class Schedule(Struct):
     arena: np.ndarray
     held_start: int  # first slot of the outputs of conditional blocks, up to memory_start
     memory_start: int  # first slot of the memory of blocks: the arena is state from here on
-    look: list  # steps that settle the blocks on the present measurement, each settle step before its output step
-    settle: list  # the settle steps of `look`
-    output: list
-    update: list
-    devices: list
-    buses: list
-    media: list  # graph.Device.medium of each bus
-    signals: dict  # path: SignalPlace
+    look: list[Step]  # steps that settle the blocks on the present measurement, each settle step before its output step
+    settle: list[Step]  # the settle steps of `look`
+    output: list[Step]
+    update: list[Step]
+    devices: list[DeviceSteps]
+    buses: list[str]
+    media: list[str]  # graph.Device.medium of each bus
+    signals: dict[str, SignalPlace]  # by path
     columns: np.ndarray  # slots of the recorded numbers
-    recorded: list  # Column of each of them, by the path of its signal
-    sinks: list
-    python_blocks: list
-    inputs: dict  # path: {input name: slot}, scalars only
-    parameters: dict  # "left/impedance.stiffness": slot, native blocks only
-    items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
-    live: list = []  # LiveParameter, by path
-    live_rules: list = []  # cext.rules.LiveRule
-    held_bounds: list = []  # HeldBound
-    proofs: list = []
-    torque_bounds: dict = {}  # path of an actuator: graph.TorqueBound
-    caveats: list = []  # graph.caveats.Caveat of each torque limit that may not hold
-    loads: list = []  # graph.budget.BusLoad, one a bus
-    holds: list = []  # (source, its every, input, its every) where rates meet
-    warnings: list = []
+    recorded: list[Column]  # one for each of them, by the path of its signal
+    sinks: list[SinkColumns]
+    python_blocks: list[Block]
+    inputs: dict[str, dict[str, int]]  # path: {input name: slot}, scalars only
+    parameters: dict[str, int]  # "left/impedance.stiffness": slot, native blocks only
+    items: dict[str, dict[str, tuple[int, int]]]  # path: {port, parameter, memory: (slot, length)}, native blocks only
+    live: list[LiveParameter] = []  # by path
+    live_rules: list[LiveRule] = []
+    held_bounds: list[HeldBound] = []
+    proofs: list[Proof] = []
+    torque_bounds: dict[str, TorqueBound | None] = {}  # by path of an actuator
+    caveats: list[Caveat] = []  # of each torque limit that may not hold
+    loads: list[BusLoad] = []  # one a bus
+    holds: list[tuple[str, int, str, int]] = []  # (source, its every, input, its every) where rates meet
+    warnings: list[Diagnostic] = []
 
     @property
     def allowance(self) -> float:

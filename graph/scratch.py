@@ -58,7 +58,7 @@ class Scratch:
         memory = place_memory(block, layout)
         self.items = {name: (slot, sizes[name]) for name, slot in self.slots_of.items()}
         self.items |= {name: (slot, 1) for name, slot in self.parameters.items()} | memory
-        self.tables = {}
+        self.tables: dict[Kernel, KernelTable] = {}
         self.arena = layout.arena()
         self.memory = self.arena[self.memory_start :].copy()
         self.arena[6] = 1.0
@@ -112,6 +112,7 @@ class Scratch:
         Raises ArithmeticError at a status other than 0, and TypeError if the result depends on the sampling period and
         the block has none: the results of two periods are compared.
         """
+        other: Any = None
         if self.block.dt is None:
             before = self.arena.copy()
             self.arena[[0, 2, 3]] *= 2.0
@@ -123,13 +124,13 @@ class Scratch:
         if self.block.dt is None and not np.array_equal(other, self.arena[4:], equal_nan=True):
             raise TypeError(NEEDS_PERIOD.format(self.block.path))
 
-    def step(self, values, named):
+    def step(self, values: tuple[Any, ...], named: dict[str, Any]) -> Any:
         self.load(values, named, self.block.step_inputs())
         self.arena[0], self.arena[1] = self.tick / self.rate, self.tick
         if self.block.kernel is not None:
             self.call(self.block.kernel)
         self.tick += 1
-        results = []
+        results: list[Any] = []
         for name, port in self.block.outputs.items():
             slot, shape = self.slots_of[name], self.shapes[name]
             if shape:
@@ -139,7 +140,7 @@ class Scratch:
                 results.append(TYPES[port.dtype](value) if math.isfinite(value) else value)
         return results[0] if len(results) == 1 else tuple(results)
 
-    def update(self, values, named):
+    def update(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:
         self.load(values, named, self.block.inputs)
         if self.block.update_kernel is not None:
             self.call(self.block.update_kernel)

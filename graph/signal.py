@@ -107,7 +107,7 @@ class Signal(WithoutValue):
 
 @cache
 def _outputs_type(names: tuple[str, ...]) -> Any:
-    return namedtuple("Outputs", names, rename=True)
+    return namedtuple("Outputs", names, rename=True)  # pyright: ignore[reportUntypedNamedTuple] of unknown length
 
 
 def Outputs(names: Iterable[str], signals: Iterable[Signal]) -> Any:

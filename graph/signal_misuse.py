@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 COMPARE = (
     'compare with Compare("{0}")(a, b), and choose with Switch (both from blocks.logic); for max() and min() use Max '
@@ -65,25 +65,28 @@ NUMPY = {  # {function: remedy}
     **{name: 'convert the unit with signal.to("rad")' for name in ("deg2rad", "radians")},
     **{name: 'convert the unit with signal.to("deg")' for name in ("rad2deg", "degrees")},
 }
-ARITHMETIC = {  # {ufunc: operator}, so that numpy.float64(2.0) * signal is as 2.0 * signal
-    "add": operator.add,
-    "subtract": operator.sub,
-    "multiply": operator.mul,
-    "divide": operator.truediv,
-    "negative": operator.neg,
-    **{
-        name: getattr(operator, short)
-        for name, short in (("less", "lt"), ("less_equal", "le"), ("greater", "gt"), ("greater_equal", "ge"))
-    },
-    "equal": operator.eq,
-    "not_equal": operator.ne,
+ARITHMETIC = {  # {ufunc: function of the module operator}, so that numpy.float64(2.0) * signal is as 2.0 * signal
+    "add": "add",
+    "subtract": "sub",
+    "multiply": "mul",
+    "divide": "truediv",
+    "negative": "neg",
+    "less": "lt",
+    "less_equal": "le",
+    "greater": "gt",
+    "greater_equal": "ge",
+    "equal": "eq",
+    "not_equal": "ne",
 }
 
 
 class WithoutValue:
     """Base class of Signal: operations on a value raise TypeError with the block to use instead."""
 
-    path: str
+    if TYPE_CHECKING:
+
+        @property
+        def path(self) -> str: ...
 
     def __format__(self, form: str) -> str:
         if form:
@@ -100,7 +103,7 @@ class WithoutValue:
         """Apply an operator that signals support; reject every other function of NumPy."""
         name = function.__name__
         if name in ARITHMETIC and method == "__call__" and not options:
-            return ARITHMETIC[name](*(plain(operand) for operand in operands))
+            return getattr(operator, ARITHMETIC[name])(*(plain(operand) for operand in operands))
         self.reject(f"numpy.{name}", NUMPY.get(name, FUNCTION))
         return None
 

@@ -20,7 +20,8 @@ from cext.user_text import repr_of
 from graph.block import Block
 from graph.declarations import Live
 from graph.diagnostics import Diagnostic, DiagramError
-from graph.diagram import Diagram, Scope, _scope
+from graph.diagram import Diagram, Scope, scope_in_context
+from graph.narrowing import is_row, is_table
 from graph.sha256 import sha256
 from graph.signal import Signal
 
@@ -46,7 +47,7 @@ def content_hash(diagram: Diagram) -> str:
 
 def describe(diagram: Diagram) -> dict[str, Any]:
     """Return a diagram as a dict that JSON can represent."""
-    blocks = sorted(diagram, key=lambda block: block.path)
+    blocks: list[Block] = sorted(diagram, key=lambda block: block.path)
     known = registered()
     sources = {kind: source_hash(kind) for kind in {type(block) for block in blocks}}
     order = {id(wire): index for index, wire in enumerate(diagram.wires)}
@@ -111,9 +112,9 @@ def encode(value: Any) -> Any:
     """
     if isinstance(value, float) and not math.isfinite(value):
         return {"float": repr(value)}
-    if isinstance(value, (list, tuple)):
+    if is_row(value):
         return [encode(item) for item in value]
-    if isinstance(value, dict):
+    if is_table(value):
         return {str(key): encode(item) for key, item in value.items()}
     tolist = getattr(value, "tolist", None)
     if tolist is not None:
@@ -125,11 +126,11 @@ def encode(value: Any) -> Any:
 
 def decode(value: Any) -> Any:
     """Return the value that `encode` wrote: arrays as tuples."""
-    if isinstance(value, dict):
+    if is_table(value):
         if set(value) == {"float"}:
             return float(value["float"])
         return {key: decode(item) for key, item in value.items()}
-    return tuple(decode(item) for item in value) if isinstance(value, list) else value
+    return tuple(decode(item) for item in value) if is_row(value) else value
 
 
 def unchanging(entry: dict[str, Any]) -> dict[str, Any]:
@@ -226,7 +227,9 @@ def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
                 hint="pip install --upgrade tickwork",
             )
         )
-    types, problems, known = {}, [], registered()
+    types: dict[str, type[Block]] = {}
+    problems: list[Diagnostic] = []
+    known = registered()
     for entry in data["blocks"]:
         try:
             types[entry["type"]] = find_type(entry, data["libraries"], trust, known)
@@ -237,11 +240,11 @@ def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
     diagram = Diagram(data["name"], data["rate"])
     for entry in data["blocks"]:
         prefix, _, name = entry["path"].rpartition("/")
-        token = _scope.set(Scope(diagram, f"{prefix}/" if prefix else ""))
+        token = scope_in_context.set(Scope(diagram, f"{prefix}/" if prefix else ""))
         try:
             block = types[entry["type"]](name=name, **held_by(entry), **parameters_of(entry))
         finally:
-            _scope.reset(token)
+            scope_in_context.reset(token)
         block.every = entry.get("every", 1)
         block.dt = block.every / diagram.rate
     for entry in data["blocks"]:
@@ -256,9 +259,9 @@ def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
 
 def parameters_of(entry: dict[str, Any]) -> dict[str, Any]:
     """Return {name: value or Live} of a block in JSON form."""
-    parameters = {}
+    parameters: dict[str, Any] = {}
     for name, value in entry.get("parameters", {}).items():
-        if isinstance(value, dict) and set(value) == {"live"}:
+        if is_table(value) and set(value) == {"live"}:
             live: list[Any] = [decode(each) for each in value["live"]]
             value, low, high, slew = live
             parameters[name] = Live(value, min=low, max=high, slew=slew)

@@ -17,6 +17,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeGuard
 
 from graph.block import Block, Sink
@@ -29,17 +30,19 @@ UNPACK = "from typing_extensions import Unpack"
 BLOCK = "from graph.block import BlockOptions"
 LANGUAGE = "from graph.declarations import Input, Live, Memory, Output, Param"
 OPERANDS = "from graph.signal import Operand, Signal"
-PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes"}
+PLAIN: dict[object, str] = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes"}
 SEQUENCE = "Sequence[Any] | np.ndarray"
 WIDTH = 120
 
 
-def has_blocks(module: Any) -> bool:
+def has_blocks(module: ModuleType) -> bool:
     """Return whether a module defines a block class with declarations, and so has a stub."""
-    return any(
-        isinstance(kind, type) and issubclass(kind, Block) and kind.__module__ == module.__name__
-        for kind in vars(module).values()
-    )
+    return any(is_block_class(kind) and kind.__module__ == module.__name__ for kind in vars(module).values())
+
+
+def is_block_class(kind: object) -> TypeGuard[type[Block]]:
+    """Return whether a value is a class of blocks."""
+    return isinstance(kind, type) and issubclass(kind, Block)
 
 
 def stub(module: Any) -> str:
@@ -109,8 +112,7 @@ def statement(module: Any, node: ast.stmt) -> Iterator[str]:
         yield signature(node)
     elif isinstance(node, ast.ClassDef):
         kind = getattr(module, node.name)
-        block = isinstance(kind, type) and issubclass(kind, Block)
-        yield "\n".join(block_class(kind, node) if block else plain_class(kind, node))
+        yield "\n".join(block_class(kind, node) if is_block_class(kind) else plain_class(kind, node))
     elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         yield f"{node.target.id}: {ast.unparse(node.annotation)}"
     elif isinstance(node, (ast.Assign, ast.With, ast.For, ast.If, ast.Try)):
@@ -219,18 +221,18 @@ def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
     return closed([*lines, *methods(node, vars(Block))])
 
 
-def declarations(kind: type[Block]) -> list[tuple[str, Declaration]]:
+def declarations(kind: type[Block]) -> list[tuple[str, Param[Any] | Input | Output | Memory]]:
     """Return the ports, parameters and memory that a class itself declares."""
     own = {name: each for name, each in vars(kind).items() if isinstance(each, Declaration)} | vars(kind)["_own"]
     everything = {**kind.parameters, **kind.inputs, **kind.outputs, **kind.memory}
     return [(name, each) for name, each in everything.items() if name in own]
 
 
-def declared(declaration: Declaration) -> str:
+def declared(declaration: Param[Any] | Input | Output | Memory) -> str:
     """Return the annotation of a declaration."""
     if isinstance(declaration, Param):
         return f"Param[{value_type(declaration)}]"
-    return next(kind.__name__ for kind in (Input, Output, Memory) if isinstance(declaration, kind))
+    return "Input" if isinstance(declaration, Input) else "Output" if isinstance(declaration, Output) else "Memory"
 
 
 def value_type(param: Param[Any]) -> str:
@@ -238,13 +240,15 @@ def value_type(param: Param[Any]) -> str:
     if param.choices is not None and all(isinstance(choice, str) for choice in param.choices):
         name = f"Literal[{', '.join(map(repr, param.choices))}]"
     else:
-        name = {tuple: SEQUENCE, dict: "dict[Any, Any]"}.get(param.dtype, PLAIN.get(param.dtype, "Any"))
+        name = (PLAIN | {tuple: SEQUENCE, dict: "dict[Any, Any]"}).get(param.dtype, "Any")
     return f"{name} | None" if param.default is None and not param.required and name != "Any" else name
 
 
 def constructor(kind: type[Block]) -> list[str]:
     """Return the arguments of a block's constructor, after self."""
-    before, after, optional = [], [], False
+    before: list[str] = []
+    after: list[str] = []
+    optional = False
     for name, param in kind.parameters.items():
         annotation = value_type(param)
         if not param.fixed and annotation != "Any":
@@ -266,7 +270,7 @@ def default(value: object) -> str:
 
 def call(kind: type[Block]) -> list[str]:
     """Return the lines of the call that connects a block, with the type of its result."""
-    lines = []
+    lines: list[str] = []
     inputs, outputs = makes_ports(kind, "inputs"), makes_ports(kind, "outputs")
     named = {name for name in kind.outputs if name.isidentifier() and not keyword.iskeyword(name)}
     if outputs or "result" in vars(kind):

@@ -16,7 +16,7 @@ from functools import cache
 ANY, ONE = "any", "1"
 
 # symbol: (factor to the base unit, exponents of the base unit). The order is the order in which symbols are written.
-_BASE = {
+_BASE: dict[str, tuple[float, dict[str, int]]] = {
     "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
     "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
     "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
@@ -73,11 +73,11 @@ def _symbol(text: str) -> str:
 
 
 @cache
-def parse(unit: str) -> tuple[tuple[str, int], ...]:
+def parse(unit: object) -> tuple[tuple[str, int], ...]:
     """Parse a unit into ((symbol, exponent), ...) in canonical order. Raises ValueError if it is not a unit."""
     if not isinstance(unit, str):
         raise ValueError(f"a unit is a string, not {unit!r}")
-    exponents = {}
+    exponents: dict[str, int] = {}
     sign = 1
     text = unit.strip().replace("**", "^")
     for part in re.split(r"([*·⋅./])", text):
@@ -147,7 +147,8 @@ def _combine(a: str, b: str, sign: int) -> str:
 
 
 def _scale(unit: str) -> tuple[float, dict[str, int]]:
-    factor, base = 1.0, {}
+    factor = 1.0
+    base: dict[str, int] = {}
     for symbol, exponent in parse(unit):
         unit_factor, unit_base = _BASE[symbol]
         factor *= unit_factor**exponent

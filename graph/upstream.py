@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from graph.signal import Signal
 
@@ -12,13 +12,16 @@ if TYPE_CHECKING:
     from graph.block import Block
     from graph.schedule import Step
 
+Sources: TypeAlias = "dict[tuple[Block, str], np.ndarray | Signal]"
+"""{(block, input name): Signal or constant array}"""
+
 
 def computes(block: Block) -> bool:
     """Return whether a block has a step in the output phase."""
     return block.is_python or block.kernel is not None
 
 
-def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> set[Block]:
+def upstream(blocks: dict[Block, Step], sources: Sources) -> set[Block]:
     """Return the blocks and all upstream of them, with or without direct feedthrough, as a set."""
     reached, waiting = set(blocks), list(blocks)
     while waiting:
@@ -30,7 +33,7 @@ def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndar
     return reached
 
 
-def followers_of(sources: dict[tuple[Block, str], np.ndarray | Signal]) -> dict[Signal, list[tuple[Block, str]]]:
+def followers_of(sources: Sources) -> dict[Signal, list[tuple[Block, str]]]:
     """Return {Signal: [(block, input)]} with the inputs to which each signal is connected."""
     followers: dict[Signal, list[tuple[Block, str]]] = {}
     for (block, name), source in sources.items():

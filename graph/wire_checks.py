@@ -61,7 +61,7 @@ def check_wires(compilation: Compilation) -> None:
             label = wire.port or wire.source.path
             compilation.taps.setdefault(wire.block, []).append((label, wire.source))
             continue
-        key = (wire.block, wire.port)
+        key = (wire.block, wire.port or "")
         if key in compilation.sources:
             compilation.report(
                 "TW004",
@@ -79,8 +79,8 @@ def check_wires(compilation: Compilation) -> None:
         compilation.wires[key] = wire
     for block in compilation.blocks:
         for name, port in block.inputs.items():
-            if isinstance(block, Sink) and isinstance(compilation.sources.get((block, name)), Signal):
-                compilation.taps.setdefault(block, []).append((name, compilation.sources[block, name]))
+            if isinstance(block, Sink) and isinstance(signal := compilation.sources.get((block, name)), Signal):
+                compilation.taps.setdefault(block, []).append((name, signal))
             if (block, name) in compilation.sources:
                 continue
             if port.default is None:

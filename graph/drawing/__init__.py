@@ -32,12 +32,12 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
     all_ports : include the ports that are not wired
     place : converts the Location of a block to text
     """
-    from graph.drawing.compose import collect, lay_out  # imports networkx: 20 MB and 0.1 s
+    from graph.drawing.compose import Picture, collect, lay_out  # imports networkx: 20 MB and 0.1 s
 
     found = examine(diagram)
     root = outline(diagram, found.taps)
     laid = lay_out(root, found, all_ports)
-    picture = {"boxes": [], "frames": [], "lines": []}
+    picture = Picture()
     collect(root, MARGIN, MARGIN, found, picture)
     targets = wired_to(diagram, found)
     return Drawing(
@@ -45,7 +45,9 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
         diagram.rate,
         laid.width + 2 * MARGIN,
         laid.height + 2 * MARGIN,
-        **{key: tuple(things) for key, things in picture.items()},
+        tuple(picture.boxes),
+        tuple(picture.frames),
+        tuple(picture.lines),
         cards={block.path: block_card(block, found, targets, place) for block in diagram},
         signals={
             f"{block.path}.{name}": signal_text(Signal(block, name), found)
@@ -57,7 +59,7 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
 
 def wired_to(diagram: Diagram, found: Compilation) -> dict[str, list[str]]:
     """Return {signal path: [paths of the ports it is wired to]}."""
-    targets = {}
+    targets: dict[str, list[str]] = {}
     for wire in diagram.wires:
         if isinstance(wire.source, Signal) and not wire.block.variadic:
             targets.setdefault(wire.source.path, []).append(f"{wire.block.path}.{wire.port}")

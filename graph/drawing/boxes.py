@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from graph.signal import Signal
 if TYPE_CHECKING:
     from graph.block import Block
     from graph.compilation import Compilation
+    from graph.drawing.outline import Key, Link
 
 BOX_WIDTH_LIMIT = 260.0  # px
 DETAIL_LIMIT = 4  # lines of parameters on a box
@@ -26,21 +28,21 @@ class Plan:
     left, right : {port: y from the top} in px; labels, notes : {port: text beside it}
     """
 
-    block: object
+    block: Block
     title: str
     subtitle: str
-    details: tuple
-    left: dict
-    right: dict
-    labels: dict
-    notes: dict
-    wrong: tuple
-    wrong_ports: frozenset
+    details: tuple[str, ...]
+    left: dict[Key, float]
+    right: dict[Key, float]
+    labels: dict[Key, str]
+    notes: dict[Key, str]
+    wrong: tuple[str, ...]
+    wrong_ports: frozenset[Key]
     width: float
     height: float
 
 
-def plan(block: Block, found: Compilation, all_ports: bool, links: Any, every: int) -> Plan:
+def plan(block: Block, found: Compilation, all_ports: bool, links: Collection[Link], every: int) -> Plan:
     """Return the Plan of a block.
 
     found : graph.compilation.Compilation
@@ -49,19 +51,20 @@ def plan(block: Block, found: Compilation, all_ports: bool, links: Any, every: i
     every : rate divisor of its level
     """
     errors = [d for d in found.errors if d.path == block.path]
-    wrong_ports = frozenset(d.port for d in errors if d.port)
+    wrong_ports: frozenset[Key] = frozenset(d.port for d in errors if d.port)
     inputs = {link.target[1]: None for link in links if link.target[0] is block}
     outputs = {link.source[1]: None for link in links if link.source[0] is block}
-    constants = {
-        wire.port: wire.source
+    constants: dict[Key, Any] = {
+        wire.port or "": wire.source
         for wire in found.diagram.wires
         if wire.block is block and not isinstance(wire.source, Signal)
     }
-    left = [name for name in block.inputs if all_ports or name in inputs or name in constants or name in wrong_ports]
+    shown = inputs.keys() | constants.keys() | wrong_ports
+    left: list[Key] = [name for name in block.inputs if all_ports or name in shown]
     left += [name for name in inputs if name not in block.inputs]
-    right = [name for name in block.outputs if all_ports or name in outputs]
+    right: list[Key] = [name for name in block.outputs if all_ports or name in outputs]
     labels = {name: name if isinstance(name, str) else "enabled" for name in left + right}
-    notes = {
+    notes: dict[Key, str] = {
         name: f"= {cards.quantity(value, '1') if not hasattr(value, '__len__') else 'array'}"
         for name, value in constants.items()
     }
@@ -94,7 +97,7 @@ def plan(block: Block, found: Compilation, all_ports: bool, links: Any, every: i
     height = head + ROW * rows + (LINE * len(details) + 7.0 if details else 0.0) + (4.0 if rows else 0.0)
     room = width - 2 * PADDING
 
-    def heights(names):
+    def heights(names: Sequence[Key]) -> dict[Key, float]:
         return {n: round(head + ROW * (index + 0.5) + 2.0) for index, n in enumerate(names)}
 
     return Plan(

@@ -14,6 +14,7 @@ from graph import units
 from graph.block import Block, Sink
 from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
+from graph.narrowing import is_row, is_table
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -63,13 +64,14 @@ def summary(kind: type[Block]) -> str:
     return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", first)[0]
 
 
-def example(kind: type[Block]) -> Any:
+def example(kind: type[Block]) -> Block | type[Block]:
     """Return a block of a class, outside a diagram, with the ports that its parameters create.
 
     Returns the class itself if the block needs other parameters.
     """
+    examples: Sequence[dict[str, Any]] = getattr(kind, "examples", None) or ({},)
     try:
-        return kind(**(getattr(kind, "examples", None) or ({},))[0])
+        return kind(**examples[0])
     except DiagramError:
         return kind
 
@@ -87,11 +89,11 @@ def quantity(value: Any, unit: str) -> str:
         return "true" if value else "false"
     if isinstance(value, (int, float)):
         return f"{value:g}" + ("" if unit in (units.ONE, units.ANY) else f" {unit}")
-    if isinstance(value, (tuple, list)):
+    if is_row(value):
         if len(text_of(value)) > 24:
             return f"{len(value)} entries" if len(value) > 1 else "1 entry"
         return ", ".join(map(text_of, value)) or "()"
-    if isinstance(value, dict):
+    if is_table(value):
         return ", ".join(map(text_of, value)) or "{}"
     text = value if type(value) is str else text_of(value)
     return text.encode("unicode_escape").decode() if text.isspace() else text or "none"
@@ -108,7 +110,7 @@ def choice_text(choice: Any) -> str:
     return text if text.strip(",; \t\n") and ", " not in text else repr(text)
 
 
-def bounds_text(param: Param) -> str:
+def bounds_text(param: Param[Any]) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
         return "one of " + ", ".join(map(choice_text, param.choices))
@@ -120,7 +122,7 @@ def bounds_text(param: Param) -> str:
     return " and ".join(f"{word} {number(bound)}" for bound, word in words if bound is not None)
 
 
-def default_text(param: Param) -> str:
+def default_text(param: Param[Any]) -> str:
     """Return the text of a parameter's default; an empty choice is '', not none."""
     choice = param.choices is not None and isinstance(param.default, str)
     return choice_text(param.default) if choice else quantity(param.default, param.unit)
@@ -140,14 +142,14 @@ def interval_text(interval: Interval | None, unit: str) -> str:
     return f"{number(interval.low)} to {number(interval.high)}{sign}"
 
 
-def parameter_cards(block: type[Block] | Block) -> list[dict[str, str | bool]]:
+def parameter_cards(block: type[Block] | Block) -> list[dict[str, Any]]:
     """Return a dict for each parameter of a block or a block class.
 
     With a block, `value` is the text of its value, and `own` states whether that differs from the default.
     """
-    cards = []
+    cards: list[dict[str, Any]] = []
     for name, param in block.parameters.items():
-        card = {
+        card: dict[str, Any] = {
             "name": name,
             "unit": param.unit,
             "description": param.description,
@@ -175,7 +177,7 @@ def same(value: Any, default: Any) -> bool:
         return False
 
 
-def unit_text(card: dict[str, str | float | None]) -> str:
+def unit_text(card: dict[str, Any]) -> str:
     """Return the unit, shape and dtype of a port or parameter, without defaults: 'rad/s, (3)', 'int'."""
     shape = card.get("shape", "")
     words = [
@@ -265,7 +267,8 @@ def block_card(
 
 def proof_texts(proofs: Sequence[Proof]) -> list[str]:
     """Return a line for each proof of a wired command, and one for all constant commands."""
-    texts, constants = [], []
+    texts: list[str] = []
+    constants: list[str] = []
     for proof in proofs:
         if proof.interval.low == proof.interval.high and proof.holds:
             constants.append(f"{proof.port} {interval_text(proof.interval, proof.unit)}")
@@ -305,7 +308,7 @@ def input_card(block: Block, port: Input, found: Compilation) -> dict[str, str]:
     return card
 
 
-def tap_cards(block: Block, found: Compilation) -> list[Any]:
+def tap_cards(block: Block, found: Compilation) -> list[dict[str, str]]:
     """Return the inputs of a sink that accepts any number of signals."""
     return [
         {
@@ -316,7 +319,7 @@ def tap_cards(block: Block, found: Compilation) -> list[Any]:
             "description": "",
             "source": signal.path,
         }
-        for label, signal in (found.taps.get(block, ()) if block.variadic else ())
+        for label, signal in (found.taps.get(block, ()) if isinstance(block, Sink) and block.variadic else ())
     ]
 
 

@@ -17,8 +17,6 @@ import networkx as nx
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES
 
 if TYPE_CHECKING:
-    from networkx.classes.digraph import DiGraph
-
     from graph.drawing.layers import Hop, Net, Node
 
 NEAR = 4.0  # px, distance below which two lines cannot be distinguished
@@ -28,12 +26,12 @@ NEAR = 4.0  # px, distance below which two lines cannot be distinguished
 class Wire:
     """A net in one channel. left, right : heights of its ends at the edges of the channel; x : position of its track"""
 
-    net: object
-    left: set = field(default_factory=set)
-    right: set = field(default_factory=set)
+    net: Net
+    left: set[float] = field(default_factory=set[float])
+    right: set[float] = field(default_factory=set[float])
     track: int = -1
     x: float = 0.0
-    halves: tuple = ()  # of a wire split over two tracks: two wires that meet at a free height
+    halves: tuple[Wire, ...] = ()  # of a wire split over two tracks: two wires that meet at a free height
 
     @property
     def heights(self) -> set[float]:
@@ -64,9 +62,9 @@ def wires_of(
     columns: Sequence[list[Node]], nets: Sequence[Net], hops: Sequence[Hop], lanes: dict[Net, float]
 ) -> list[dict[Net, Wire]]:
     """Return {net: Wire} of each channel: channel i is left of column i, the last right of the last column."""
-    channels = [{} for _ in range(len(columns) + 1)]
+    channels: list[dict[Net, Wire]] = [{} for _ in range(len(columns) + 1)]
 
-    def wire(channel, net):
+    def wire(channel: int, net: Net) -> Wire:
         return channels[channel].setdefault(net, Wire(net))
 
     for hop in hops:
@@ -92,7 +90,8 @@ def find_lanes(columns: Sequence[list[Node]], nets: Sequence[Net]) -> dict[Net, 
     """Return {feedback net: height of its lane}: below the boxes that it passes, short lanes above long ones."""
     floor = [max((node.y + node.height for node in column), default=0.0) for column in columns]
     back = sorted((net for net in nets if net.back), key=lambda net: span(net)[1] - span(net)[0])
-    lanes, lowest = {}, list(floor)
+    lanes: dict[Net, float] = {}
+    lowest = list(floor)
     for net in back:
         first, last = span(net)
         under = range(first, last + 1)
@@ -121,9 +120,9 @@ def assign_tracks(wires: Sequence[Wire]) -> int:
     return 1 + max((wire.track for wire in order), default=-1)
 
 
-def rules(wires: Sequence[Wire]) -> DiGraph:
+def rules(wires: Sequence[Wire]) -> nx.DiGraph[Wire]:
     """Return the graph of constraints: an edge from a wire to each whose track must be right of its own."""
-    graph = nx.DiGraph()
+    graph: nx.DiGraph[Wire] = nx.DiGraph()
     graph.add_nodes_from(wires)
     graph.add_edges_from((wire, other) for wire in wires for other in wires if wire is not other and wire.before(other))
     return graph
@@ -155,9 +154,10 @@ def free_height(wire: Wire, taken: set[float]) -> float:
 
 def least_crossed(wires: Sequence[Wire]) -> list[Wire]:
     """Return the wires in an order with few crossings: each is inserted where it adds the fewest."""
-    order = []
+    order: list[Wire] = []
     for wire in sorted(wires, key=lambda wire: (max(wire.heights) - min(wire.heights), min(wire.heights))):
-        costs, cost = [], sum(wire.crossed_if_before(other) for other in order)
+        costs: list[int] = []
+        cost = sum(wire.crossed_if_before(other) for other in order)
         for at in range(len(order) + 1):
             costs.append(cost)
             if at < len(order):

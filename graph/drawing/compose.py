@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import networkx as nx
 
+from graph.block import Block
 from graph.device import Device
 from graph.drawing import boxes, cards, channels, layers, placing
 from graph.drawing.layers import Edge, Node
@@ -26,11 +27,14 @@ from graph.drawing.style import (
 )
 
 if TYPE_CHECKING:
-    from graph.block import Block, Sink
     from graph.compilation import Compilation
-    from graph.device import Actuator
     from graph.drawing.channels import Wire
     from graph.drawing.layers import Net
+    from graph.drawing.model import End, Point
+    from graph.drawing.outline import Key
+
+Route: TypeAlias = "tuple[Edge, list[Point], set[Point], bool]"
+"""(edge, points, joints, whether it is feedback)"""
 
 ASPECT = 1.6  # width to height of packed parts
 
@@ -41,8 +45,8 @@ class Laid:
 
     width: float = 0.0
     height: float = 0.0
-    nodes: list = field(default_factory=list)
-    lines: list = field(default_factory=list)  # (edge, points, joints, whether it is feedback)
+    nodes: list[Node] = field(default_factory=list[Node])
+    lines: list[Route] = field(default_factory=list["Route"])
 
     def shift(self, x: float, y: float) -> None:
         """Move all nodes and lines."""
@@ -54,9 +58,10 @@ class Laid:
         ]
 
 
-def lay_out(level: Any, found: Compilation, all_ports: bool) -> Laid:
+def lay_out(level: Level, found: Compilation, all_ports: bool) -> Laid:
     """Return the Laid of a level, and set `level.laid` of it and of all levels inside."""
-    nodes, pins = {}, {}
+    nodes: dict[Block | Level, Node] = {}
+    pins: dict[Key, Node] = {}
     for thing in level.things:
         if isinstance(thing, Level):
             nodes[thing] = frame_node(thing, found, all_ports)
@@ -73,7 +78,7 @@ def lay_out(level: Any, found: Compilation, all_ports: bool) -> Laid:
                 side="first" if inward else "last",
             )
 
-    def end(thing, key):
+    def end(thing: Block | Level | None, key: Key) -> tuple[Node, Key]:
         return (pins[key] if thing is None else nodes[thing]), key
 
     edges = [Edge(*end(*link.source), *end(*link.target), link.delayed, link) for link in level.links.values()]
@@ -94,11 +99,11 @@ def frame_node(level: Level, found: Compilation, all_ports: bool) -> Node:
     inner.shift(0.0, FRAME_TITLE + FRAME_PADDING)
     inner.height += FRAME_TITLE + 2 * FRAME_PADDING
     enabled = [key for key in level.pins if key[0] == "enabled"]
-    left = [(FRAME_TITLE / 2.0 + 4.0 * index, key) for index, key in enumerate(enabled)]
-    left += [(node.y, node.what) for node in inner.nodes if node.side == "first"]
+    above = [(FRAME_TITLE / 2.0 + 4.0 * index, key) for index, key in enumerate(enabled)]
+    left = above + [(node.y, node.what) for node in inner.nodes if node.side == "first"]
     right = [(node.y, node.what) for node in inner.nodes if node.side == "last"]
-    left, right = ({key: y for y, key in sorted(pins)} for pins in (left, right))
-    return Node(level, inner.width, inner.height, left, right, frame=True)
+    at_left, at_right = ({key: y for y, key in sorted(pins)} for pins in (left, right))
+    return Node(level, inner.width, inner.height, {**at_left}, {**at_right}, frame=True)
 
 
 def note(level: Level) -> str:
@@ -109,7 +114,7 @@ def note(level: Level) -> str:
 
 def components(nodes: Sequence[Node], edges: Sequence[Edge]) -> list[list[Node]]:
     """Return the connected components: the one with the pins first, unconnected blocks last."""
-    graph = nx.Graph()
+    graph: nx.Graph[Node] = nx.Graph()
     graph.add_nodes_from(nodes)
     graph.add_edges_from((edge.source, edge.target) for edge in edges)
     pins = [node for node in nodes if node.side]
@@ -153,10 +158,8 @@ def columns(nodes: Sequence[Node], edges: Sequence[Edge], framed: bool) -> Laid:
     return Laid(x, height, [node for node in nodes], lines)
 
 
-def routes(
-    net: Net, wires: Sequence[dict[Net, Wire]], lanes: dict[Net, float]
-) -> Iterator[tuple[Edge, list[tuple[float, float]], set[tuple[int, float]], bool]]:
-    """Yield (edge, points, joints, whether it is feedback) for each edge of a net."""
+def routes(net: Net, wires: Sequence[dict[Net, Wire]], lanes: dict[Net, float]) -> Iterator[Route]:
+    """Yield the Route of each edge of a net."""
     begin = net.source.x + net.source.width, net.source.y + net.source.right[net.output]
     joints = {
         joint
@@ -181,7 +184,7 @@ def routes(
         yield edge, points, joints & set(points), net.back
 
 
-def through(wire: Wire, enter: tuple[str, float], leave: tuple[str, float]) -> Any:
+def through(wire: Wire, enter: tuple[str, float], leave: tuple[str, float]) -> list[Point]:
     """Return the corners of a line through a channel. enter, leave : (side, height)"""
     (side, y), (other_side, other_y) = enter, leave
     if wire.halves:
@@ -193,7 +196,7 @@ def through(wire: Wire, enter: tuple[str, float], leave: tuple[str, float]) -> A
     return [(wire.x, y), (wire.x, other_y)] if y != other_y else []
 
 
-def joints_of(wire: Wire) -> Any:
+def joints_of(wire: Wire) -> Iterator[Point]:
     """Yield the points at which three segments of a net meet on its track."""
     if wire.straight:
         return
@@ -203,7 +206,7 @@ def joints_of(wire: Wire) -> Any:
             yield wire.x, y
 
 
-def corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def corners(points: Sequence[Point]) -> list[Point]:
     """Return the points without those on a straight line."""
     kept = [points[0]]
     for _before, point, after in zip(points, points[1:], points[2:]):
@@ -238,30 +241,40 @@ def pack(parts: Sequence[Laid], framed: bool, pinned: bool) -> Laid:
     return whole
 
 
-def collect(level: Any, x: float, y: float, found: Compilation, picture: dict[str, list[Frame | Box | Line]]) -> None:
-    """Append the boxes, frames and lines of a level with its corner at x, y to `picture`, a dict of lists."""
+@dataclass
+class Picture:
+    """The parts of a drawing, from the outermost level inwards."""
+
+    boxes: list[Box] = field(default_factory=list[Box])
+    frames: list[Frame] = field(default_factory=list[Frame])
+    lines: list[Line] = field(default_factory=list[Line])
+
+
+def collect(level: Level, x: float, y: float, found: Compilation, picture: Picture) -> None:
+    """Append the boxes, frames and lines of a level with its corner at x, y to a Picture."""
     for node in level.laid.nodes:
         left, top = node.x + x, node.y + y
         if isinstance(node.what, Level):
             inner = node.what
             pins = [Pin(key[1], key[0], left, top + offset) for key, offset in node.left.items()]
             pins += [Pin(key[1], key[0], left + node.width, top + offset) for key, offset in node.right.items()]
-            picture["frames"].append(
+            picture.frames.append(
                 Frame(inner.path, level.path, inner.title, note(inner), left, top, node.width, node.height, tuple(pins))
             )
             collect(inner, left, top, found, picture)
         elif not node.side:
-            picture["boxes"].append(box(node, left, top, level))
+            picture.boxes.append(box(node, left, top, level))
     for edge, points, joints, back in level.laid.lines:
-        signal, target = edge.link.signal, edge.target.what
+        link, target = edge.link, edge.target.what
+        signal = link.signal
         wide = found.shapes.get((signal.block, signal.port), ()) != ()
         wrong = isinstance(target, boxes.Plan) and edge.input in target.wrong_ports
-        picture["lines"].append(
+        picture.lines.append(
             Line(
                 signal.path,
                 level.path,
-                name_of(level, *edge.link.source),
-                name_of(level, *edge.link.target),
+                name_of(level, *link.source),
+                name_of(level, *link.target),
                 tuple((a + x, b + y) for a, b in points),
                 tuple(sorted((a + x, b + y) for a, b in joints)),
                 back,
@@ -271,18 +284,17 @@ def collect(level: Any, x: float, y: float, found: Compilation, picture: dict[st
         )
 
 
-def name_of(level: Level, thing: Actuator | Block | Level | Sink | None, key: str | tuple[str, str]) -> Any:
+def name_of(level: Level, thing: Block | Level | None, key: Key) -> End:
     """Return the name of an end of a Line."""
-    if thing is None:
-        return level.path, *key
-    return (
-        (thing.path, *key) if isinstance(thing, Level) else f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
-    )
+    if isinstance(thing, Block):
+        return f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
+    side, signal = key
+    return (level.path if thing is None else thing.path), side, signal
 
 
 def box(node: Node, x: float, y: float, level: Level) -> Box:
     """Return the Box of a block, with its ports, at a position."""
-    plan: Any = node.what
+    plan: boxes.Plan = node.what
     ports = [
         Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports)
         for key, offset in plan.left.items()

@@ -14,9 +14,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import networkx as nx
+
+if TYPE_CHECKING:
+    from graph.drawing.outline import Key
 
 SWEEP_LIMIT = 12  # sorting passes over all columns
 
@@ -29,11 +32,11 @@ class Node:
     side : "first" or "last" for pins, which are in the outermost columns
     """
 
-    what: object
+    what: Any
     width: float = 0.0
     height: float = 0.0
-    left: dict = field(default_factory=dict)
-    right: dict = field(default_factory=dict)
+    left: dict[Key, float] = field(default_factory=dict["Key", float])
+    right: dict[Key, float] = field(default_factory=dict["Key", float])
     side: str = ""
     eager: bool = False  # a device: the preferred place to open a loop
     frame: bool = False  # a subsystem
@@ -52,11 +55,11 @@ class Edge:
     """A link from an output of one node to an input of another."""
 
     source: Node
-    output: object
+    output: Key
     target: Node
-    input: object
+    input: Key
     delayed: bool = False
-    link: object = None
+    link: Any = None  # outline.Link
 
 
 @dataclass(eq=False)
@@ -64,10 +67,10 @@ class Net:
     """All edges of one output in one direction. stops : its node in each column that it passes"""
 
     source: Node
-    output: object
+    output: Key
     back: bool
-    edges: list = field(default_factory=list)
-    stops: dict = field(default_factory=dict)  # column: Node
+    edges: list[Edge] = field(default_factory=list[Edge])
+    stops: dict[int, Node] = field(default_factory=dict[int, Node])  # column: Node
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,9 @@ class Hop:
     """A segment of a net between adjacent columns."""
 
     source: Node
-    output: object
+    output: Key
     target: Node
-    input: object
+    input: Key
     net: Net
 
     @property
@@ -94,11 +97,11 @@ def arrange(nodes: Sequence[Node], edges: Sequence[Edge]) -> tuple[list[list[Nod
     back = feedback(nodes, edges)
     find_layers(nodes, [edge for edge in edges if edge not in back])
     back = {edge for edge in back if edge.target.layer <= edge.source.layer}
-    nets = {}
+    nets: dict[tuple[Node, Key, bool], Net] = {}
     for edge in edges:
         key = edge.source, edge.output, edge in back
         nets.setdefault(key, Net(*key)).edges.append(edge)
-    columns = [[] for _ in range(1 + max((node.layer for node in nodes), default=0))]
+    columns: list[list[Node]] = [[] for _ in range(1 + max((node.layer for node in nodes), default=0))]
     for node in nodes:
         columns[node.layer].append(node)
     hops = [hop for net in nets.values() if not net.back for hop in pass_through(net, columns)]
@@ -124,12 +127,13 @@ def feedback(nodes: Sequence[Node], edges: Sequence[Edge]) -> set[Edge]:
 
 def opening(edges: Sequence[Edge], position: dict[Node, int]) -> set[Edge]:
     """Return the edges into the node of a loop at which the flow should begin."""
-    entering, leaving = defaultdict(list), defaultdict(int)
+    entering: dict[Node, list[Edge]] = defaultdict(list)
+    leaving: dict[Node, int] = defaultdict(int)
     for edge in edges:
         entering[edge.target].append(edge)
         leaving[edge.source] += 1
 
-    def reluctance(node):
+    def reluctance(node: Node) -> tuple[bool, bool, bool, int, int]:
         needed = sum(not edge.delayed for edge in entering[node])
         return (
             needed == len(entering[node]),
@@ -146,7 +150,8 @@ def opening(edges: Sequence[Edge], position: dict[Node, int]) -> set[Edge]:
 
 def find_layers(nodes: Sequence[Node], edges: Sequence[Edge]) -> None:
     """Set layers by the longest path from the left; a source is in the column before its first target."""
-    followers, waiting = defaultdict(list), dict.fromkeys(nodes, 0)
+    followers: dict[Node, list[Node]] = defaultdict(list)
+    waiting = dict.fromkeys(nodes, 0)
     for edge in edges:
         followers[edge.source].append(edge.target)
         waiting[edge.target] += 1
@@ -172,21 +177,23 @@ def find_layers(nodes: Sequence[Node], edges: Sequence[Edge]) -> None:
 
 def pass_through(net: Net, columns: Sequence[list[Node]]) -> list[Hop]:
     """Return the hops of a net, with a stop in each column between its source and its furthest target."""
-    at, hops = (net.source, net.output), []
+    at: tuple[Node, Key] = (net.source, net.output)
+    hops: list[Hop] = []
     last = max(edge.target.layer for edge in net.edges)
     for column in range(net.source.layer + 1, last + 1):
         hops += [Hop(*at, edge.target, edge.input, net) for edge in net.edges if edge.target.layer == column]
         if column < last:
-            stop = net.stops[column] = Node(net, left={None: 0.0}, right={None: 0.0}, layer=column)
+            stop = net.stops[column] = Node(net, left={"": 0.0}, right={"": 0.0}, layer=column)
             columns[column].append(stop)
-            hops.append(Hop(*at, stop, None, net))
-            at = stop, None
+            hops.append(Hop(*at, stop, "", net))
+            at = stop, ""
     return hops
 
 
 def uncross(columns: Sequence[list[Node]], hops: Sequence[Hop]) -> list[list[Node]]:
     """Return the columns, each in an order with few crossings."""
-    entering, leaving = defaultdict(list), defaultdict(list)
+    entering: dict[Node, list[Hop]] = defaultdict(list)
+    leaving: dict[Node, list[Hop]] = defaultdict(list)
     for hop in hops:
         entering[hop.target].append(hop)
         leaving[hop.source].append(hop)
@@ -214,7 +221,7 @@ def sort_column(order: list[list[Node]], index: int, hops: dict[Node, list[Hop]]
     beside = places(order[index - 1 if forth else index + 1])
     column = order[index]
 
-    def place(at, node):
+    def place(at: int, node: Node) -> float:
         if forth:
             linked = [beside[hop.source] + share(hop.source.right, hop.output) for hop in hops[node]]
         else:
@@ -261,7 +268,7 @@ def crossings(order: Sequence[list[Node]], leaving: dict[Node, list[Hop]]) -> in
             for node in column
             for hop in leaving[node]
         )
-        seen = []
+        seen: list[float] = []
         for _, end in ends:
             count += len(seen) - bisect(seen, end)
             insort(seen, end)
@@ -273,6 +280,6 @@ def places(column: Sequence[Node]) -> dict[Node, int]:
     return {node: index for index, node in enumerate(column)}
 
 
-def share(ports: dict[Any, float], port: Any) -> float:
+def share(ports: dict[Key, float], port: Key) -> float:
     """Return the relative position of a port on its edge, from 0 to 1."""
     return (list(ports).index(port) + 1) / (len(ports) + 1)

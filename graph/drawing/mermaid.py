@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from graph.drawing.style import FAMILIES
 from graph.drawing.svg import used
 
 if TYPE_CHECKING:
-    from graph.drawing.model import Drawing, Line
+    from graph.drawing.model import Drawing, End, Line
 
 
 def mermaid(drawing: Drawing) -> str:
@@ -45,9 +45,9 @@ def inside(drawing: Drawing, subsystem: str, names: dict[str, str], indent: str)
             yield f"{indent}end"
 
 
-def wires(drawing: Drawing) -> Iterator[tuple[str, str, bool]]:
+def wires(drawing: Drawing) -> Iterator[tuple[str, End, bool]]:
     """Yield (port of the source, port of the target or pin of a frame, whether it is feedback) of every wire."""
-    following = {}
+    following: dict[tuple[str, End], list[Line]] = {}
     for line in drawing.lines:
         following.setdefault((line.signal, line.source), []).append(line)
     for line in drawing.lines:
@@ -55,7 +55,7 @@ def wires(drawing: Drawing) -> Iterator[tuple[str, str, bool]]:
             yield from follow(line, following, False)
 
 
-def follow(line: Any, following: dict[tuple[str, Any], list[Line]], back: bool) -> Any:
+def follow(line: Line, following: dict[tuple[str, End], list[Line]], back: bool) -> Iterator[tuple[str, End, bool]]:
     """Yield (signal, target, whether it is feedback) for each block that a line reaches through pins."""
     back = back or line.back
     if isinstance(line.target, str) or line.target[1] == "enabled":

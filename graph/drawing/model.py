@@ -1,6 +1,11 @@
 """Drawings as data: positions of boxes, frames and lines, in px from the top left corner, x right and y down."""
 
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+Point: TypeAlias = tuple[float, float]
+End: TypeAlias = str | tuple[str, str, str]
+"""End of a line: the path of a port, "left/knee.torque", or (frame, side, signal) of a pin."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,13 @@ class Box:
     family: str  # a key of style.FAMILIES
     title: str
     subtitle: str
-    details: tuple
+    details: tuple[str, ...]
     x: float
     y: float
     width: float
     height: float
-    ports: tuple
-    wrong: tuple = ()
+    ports: tuple[Port, ...]
+    wrong: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,14 +69,13 @@ class Frame:
     y: float
     width: float
     height: float
-    pins: tuple
+    pins: tuple[Pin, ...]
 
 
 @dataclass(frozen=True)
 class Line:
     """Segment of a signal's path inside one frame, between two ports or pins.
 
-    source, target : path of a port, "left/knee.torque", or (frame, side, signal) of a pin
     points : ends and corners; the line between two points is horizontal or vertical
     joints : corners at which other lines of the signal branch off
     back : whether it is feedback, to a block left of its source
@@ -79,10 +83,10 @@ class Line:
 
     signal: str
     subsystem: str
-    source: object
-    target: object
-    points: tuple
-    joints: tuple = ()
+    source: End
+    target: End
+    points: tuple[Point, ...]
+    joints: tuple[Point, ...] = ()
     back: bool = False
     wide: bool = False  # carries more than one number
     wrong: bool = False
@@ -96,8 +100,8 @@ class Drawing:
     rate: float
     width: float
     height: float
-    boxes: tuple
-    frames: tuple
-    lines: tuple
-    cards: dict = field(default_factory=dict)
-    signals: dict = field(default_factory=dict)
+    boxes: tuple[Box, ...]
+    frames: tuple[Frame, ...]
+    lines: tuple[Line, ...]
+    cards: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
+    signals: dict[str, str] = field(default_factory=dict[str, str])

@@ -6,40 +6,44 @@ separately.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias, Union
 
 from graph.block import Sink
 from graph.signal import Signal
 
 if TYPE_CHECKING:
     from graph.block import Block
-    from graph.device import Actuator
     from graph.diagram import Diagram
+    from graph.drawing.compose import Laid
+
+Key: TypeAlias = str | tuple[str, str]
+"""A port, or a pin: ("in", "out" or "enabled", signal path)."""
+
+End: TypeAlias = tuple[Union["Block", "Level", None], Key]
+"""End of a link: (block, port), (Level, pin) or, for a pin of the level itself, (None, pin)."""
 
 
 @dataclass(eq=False)
 class Level:
-    """A subsystem, or the diagram itself. things : blocks and Levels in the order of construction"""
+    """A subsystem, or the diagram itself.
+
+    things : blocks and Levels in the order of construction; pins : whether no target needs them within the tick
+    """
 
     path: str
     title: str
     every: int = 1
-    conditions: tuple = ()
-    things: list = field(default_factory=list)
-    levels: dict = field(default_factory=dict)
-    links: dict = field(default_factory=dict)  # (source end, target end): Link
-    pins: dict = field(default_factory=dict)  # (side, signal path): whether no target needs it within the tick
+    conditions: tuple[Signal, ...] = ()
+    things: list[Block | Level] = field(default_factory=list["Block | Level"])
+    levels: dict[str, Level] = field(default_factory=dict[str, "Level"])
+    links: dict[tuple[End, End], Link] = field(default_factory=dict[tuple[End, End], "Link"])
+    pins: dict[tuple[str, str], bool] = field(default_factory=dict[tuple[str, str], bool])
+    laid: Laid = field(init=False, repr=False)
 
-    def connect(
-        self,
-        source: tuple[Actuator | Block | Level | None, Any],
-        target: tuple[Any, Any],
-        signal: Signal,
-        delayed: bool,
-    ) -> None:
+    def connect(self, source: End, target: End, signal: Signal, delayed: bool) -> None:
         """Add a link between two things of this level or of levels inside it; a link that exists is not doubled.
 
         source, target : (thing, its port); the thing is None for the border of this level
@@ -52,21 +56,16 @@ class Level:
             link.delayed = link.delayed and delayed
         for level, (thing, key) in ((self, source), (self, target)):
             level = level if thing is None else thing
-            if isinstance(level, Level):
+            if isinstance(level, Level) and not isinstance(key, str):
                 level.pins[key] = level.pins.get(key, True) and delayed
 
 
 @dataclass(eq=False)
 class Link:
-    """A link between two ends in one level.
+    """A link between two ends in one level. delayed : whether the target does not need it within the tick"""
 
-    source, target : (block, port), (Level, pin) or, for a pin of the level itself, (None, pin)
-
-    delayed : whether the target does not need it within the tick
-    """
-
-    source: tuple
-    target: tuple
+    source: End
+    target: End
     signal: Signal
     delayed: bool
 
@@ -74,7 +73,7 @@ class Link:
 def outline(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Level:
     """Return the Level of a diagram. taps : {sink: [(label, Signal)]} of sinks for any number of signals"""
     root = Level("", diagram.name)
-    lineage = {}  # {block: the levels that contain it, from the outermost}
+    lineage: dict[Block, list[Level]] = {}  # the levels that contain a block, from the outermost
     for block in diagram:
         level, chain = root, [root]
         parts = block.path.split("/")
@@ -111,10 +110,10 @@ def find_rate_and_condition(level: Level, outer: Level, blocks: Sequence[Block])
     level.every = rates.pop() if len(rates) == 1 else outer.every
 
 
-def wires(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Any:
+def wires(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Iterator[tuple[Signal, Block, str, bool]]:
     """Yield (signal, target block, input, whether the target does not need it within the tick) of each wire."""
     for wire in diagram.wires:
-        if isinstance(wire.source, Signal) and not wire.block.variadic:
+        if wire.port is not None and isinstance(wire.source, Signal) and not wire.block.variadic:
             yield (
                 wire.source,
                 wire.block,
@@ -128,11 +127,16 @@ def wires(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Any:
 
 
 def run(
-    signal: Signal, source_chain: Sequence[Level], target: Block, key: Any, target_chain: Sequence[Level], delayed: bool
+    signal: Signal,
+    source_chain: Sequence[Level],
+    target: Block | Level,
+    key: Key,
+    target_chain: Sequence[Level],
+    delayed: bool,
 ) -> None:
     """Connect a signal to a port or pin of `target`, through the pins of all levels between them."""
     shared = sum(a is b for a, b in zip(source_chain, target_chain))
-    end = signal.block, signal.port
+    end: End = signal.block, signal.port
     for level in reversed(source_chain[shared:]):
         level.connect(end, (None, ("out", signal.path)), signal, delayed)
         end = level, ("out", signal.path)

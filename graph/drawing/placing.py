@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
 
 if TYPE_CHECKING:
     from graph.drawing.layers import Hop, Node
+
+Pull: TypeAlias = "tuple[float, Node, float, float, bool]"
+"""A line of a node: (own port's y, other node, other port's y, weight, whether it is on the left)."""
 
 ROUNDS = 6
 FAR = 150.0  # px between two preferred positions; from this distance their mean is used
@@ -23,7 +27,7 @@ ANCHOR = 1e-3  # weight of the present position, for a box without lines
 
 def place(columns: Sequence[list[Node]], hops: Sequence[Hop]) -> None:
     """Set the `y` of every node, the topmost at 0."""
-    pulls = defaultdict(list)  # node: [(own port's y, other node, other port's y, weight)]
+    pulls: dict[Node, list[Pull]] = defaultdict(list)
     for hop in hops:
         out, into = hop.source.right[hop.output], hop.target.left[hop.input]
         pulls[hop.source].append((out, hop.target, into, hop.weight, False))
@@ -51,40 +55,47 @@ def bend(hop: Hop) -> float:
     return hop.target.y + hop.target.left[hop.input] - hop.source.y - hop.source.right[hop.output]
 
 
-def settle(
-    column: Sequence[Node], pulls: dict[Node, list[tuple[float, Node, float, float, bool]]], only_left: bool | None
-) -> None:
+def settle(column: Sequence[Node], pulls: dict[Node, list[Pull]], only_left: bool | None) -> None:
     """Move the boxes of one column to the optimum for their lines.
 
     only_left : use the lines on the left (True), on the right (False), or all (None)
     """
-    preferred = {}
+    preferred: dict[Node, list[tuple[float, float]]] = {}
     for node in column:
         chosen = [pull for pull in pulls[node] if only_left is None or pull[4] == only_left] or pulls[node]
         preferred[node] = [(other.y + port - own, weight) for own, other, port, weight, _ in chosen]
     stack(column, {node: node.y for node in column}, preferred)
 
 
+@dataclass
+class Pool:
+    """Neighbours at their least distance. preferred : (position without offset, weight) of their lines"""
+
+    preferred: list[tuple[float, float]]
+    count: int
+    y: float
+
+
 def stack(column: Sequence[Node], present: dict[Node, float], preferred: dict[Node, list[tuple[float, float]]]) -> None:
     """Set the heights of a column, in order and at least `gap` apart, nearest to the preferred positions."""
-    pools, offset, above = [], 0.0, None  # a pool: [preferred positions without offsets, number of nodes, position]
-    offsets = []
+    pools: list[Pool] = []
+    offset, above = 0.0, None
+    offsets: list[float] = []
     for node in column:
         if above is not None:
             offset += above.height + gap(above, node)
         offsets.append(offset)
         own = [(y - offset, weight) for y, weight in preferred.get(node, ())] or [(present[node] - offset, ANCHOR)]
-        pools.append([own, 1, median(own)])
-        while len(pools) > 1 and pools[-2][2] > pools[-1][2]:
-            more, count, _ = pools.pop()
-            pools[-1][0] = pools[-1][0] + more
-            pools[-1][1] += count
-            pools[-1][2] = median(pools[-1][0])
+        pools.append(Pool(own, 1, median(own)))
+        while len(pools) > 1 and pools[-2].y > pools[-1].y:
+            lower, upper = pools.pop(), pools.pop()
+            preferences = upper.preferred + lower.preferred
+            pools.append(Pool(preferences, upper.count + lower.count, median(preferences)))
         above = node
     index = 0
-    for _, count, y in pools:
-        for node in column[index : index + count]:
-            node.y = y + offsets[index]
+    for pool in pools:
+        for node in column[index : index + pool.count]:
+            node.y = pool.y + offsets[index]
             index += 1
 
 

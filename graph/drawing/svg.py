@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from graph.drawing.style import (
     BACK,
@@ -33,7 +33,7 @@ from graph.drawing.style import (
 )
 
 if TYPE_CHECKING:
-    from graph.drawing.model import Box, Drawing, Frame, Line
+    from graph.drawing.model import Box, Drawing, Frame, Line, Point
 
 LEGEND, FEEDBACK = 28.0, "feedback"
 
@@ -158,9 +158,9 @@ def frame(item: Frame) -> str:
     return "".join(parts) + "</g>"
 
 
-def nets(drawing: Drawing) -> Any:
+def nets(drawing: Drawing) -> Iterable[list[Line]]:
     """Return the lines of a drawing grouped by signal, frame and direction, feedback last."""
-    groups = {}
+    groups: dict[tuple[str, str, bool], list[Line]] = {}
     for item in sorted(drawing.lines, key=lambda item: item.back):
         groups.setdefault((item.signal, item.subsystem, item.back), []).append(item)
     return groups.values()
@@ -190,7 +190,7 @@ def branches(lines: Sequence[Line]) -> list[float]:
     ]
 
 
-def common_length(one: tuple[tuple[float, float], ...], other: tuple[tuple[float, float], ...]) -> float:
+def common_length(one: Sequence[Point], other: Sequence[Point]) -> float:
     """Return the length of the common beginning of two paths."""
     length = 0.0
     for (a, b), (c, d) in zip(pairwise(one), pairwise(other)):
@@ -203,7 +203,7 @@ def common_length(one: tuple[tuple[float, float], ...], other: tuple[tuple[float
     return length
 
 
-def rest(points: tuple[tuple[float, float], ...], start: float) -> Any:
+def rest(points: Sequence[Point], start: float) -> Sequence[Point]:
     """Return the points of a path without its first `start` px."""
     for index, (a, b) in enumerate(pairwise(points)):
         length = abs(b[0] - a[0]) + abs(b[1] - a[1])
@@ -216,7 +216,7 @@ def rest(points: tuple[tuple[float, float], ...], start: float) -> Any:
     return points[-2:]
 
 
-def way(points: Sequence[tuple[float, float]], joints: tuple[tuple[float, float], ...] = ()) -> str:
+def way(points: Sequence[Point], joints: Sequence[Point] = ()) -> str:
     """Return the `d` attribute of a path, with rounded corners except at joints."""
     text = f"M{number(points[0][0])} {number(points[0][1])}"
     for before, point, after in zip(points, points[1:], points[2:]):
@@ -229,7 +229,7 @@ def way(points: Sequence[tuple[float, float]], joints: tuple[tuple[float, float]
     return text + f"L{number(points[-1][0])} {number(points[-1][1])}"
 
 
-def toward(corner: tuple[float, float], other: tuple[float, float]) -> tuple[tuple[float, float], float]:
+def toward(corner: Point, other: Point) -> tuple[Point, float]:
     """Return the point toward `other` where the rounding of a corner ends, and the radius."""
     dx, dy = other[0] - corner[0], other[1] - corner[1]
     length = abs(dx) + abs(dy)

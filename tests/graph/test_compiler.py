@@ -13,7 +13,7 @@ from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
 from cext.kernels import mathematics
-from graph import Actuator, Block, Diagram, DiagramError, Input, Kernel, Memory, Output, Sink, compile, subsystem
+from graph import Actuator, Block, Diagram, DiagramError, Input, Kernel, Memory, Output, Param, Sink, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -479,3 +479,19 @@ def test_garbage_collection_is_off_during_compile_and_restored(collecting):
         assert gc.isenabled() == collecting and seen[-1] is False
     finally:
         (gc.enable if before else gc.disable)()
+
+
+class Modem(Block):
+    """Has a bitrate, and is not a device on a bus."""
+
+    bitrate = Param(9600.0, "1/s", min=0.0)
+    y = Output("1")
+
+    def step(self):
+        return self.bitrate
+
+
+def test_a_block_that_is_not_a_device_may_have_a_parameter_named_bitrate():
+    with Diagram("modems", rate=100) as diagram:
+        CsvRecorder()(Modem().y, Modem(bitrate=19200.0).y)
+    assert compile(diagram).warnings == []

@@ -168,7 +168,11 @@ def recognise(bus: RigBus, chips: Any, known: KnownChips, place: tuple[int, int,
 def chip_names() -> list[str]:
     """Return the names of every chip that has a block."""
     chips = [chip for family in families() for chip in family.chips if chip.block is not None]
-    return [name for chip in chips for name in ([chip.name] if chip.name else chip.registers[1].values())]
+    return [
+        name
+        for chip in chips
+        for name in (chip.registers[1].values() if chip.registers and not chip.name else [chip.name])
+    ]
 
 
 def _block(kind: Any, place: tuple[int, int, int], bus: str, parameters: dict[str, Any]) -> Device:
