@@ -23,12 +23,12 @@ def text_of(value: object, limit: float = TEXT_LIMIT) -> str:
 
     limit : s
     """
-    return bounded(lambda: str(value), limit)
+    return bound_text(lambda: str(value), limit)
 
 
 def repr_of(value: object) -> str:
     """Return repr(value), or in parentheses the reason why it has none."""
-    return bounded(lambda: repr(value), TEXT_LIMIT)
+    return bound_text(lambda: repr(value), TEXT_LIMIT)
 
 
 def name_and_text(error: BaseException, limit: float = TEXT_LIMIT) -> str:
@@ -39,7 +39,7 @@ def name_and_text(error: BaseException, limit: float = TEXT_LIMIT) -> str:
 
 def last_lines(error: BaseException) -> list[str]:
     """Return the lines with which Python ends a traceback: name and text, and the notes that were added."""
-    text = bounded(
+    text = bound_text(
         lambda: "".join(traceback.format_exception_only(type(error), error)),
         TEXT_LIMIT,
         prefix=f"{type(error).__name__}: ",
@@ -53,7 +53,7 @@ def within(seconds: float) -> Callable[[], float]:
     return lambda: max(deadline - time.monotonic(), 0.001)
 
 
-def bounded(form: Callable[[], str], limit: float, prefix: str = "") -> str:
+def bound_text(form: Callable[[], str], limit: float, prefix: str = "") -> str:
     """Return the text that `form` returns; where it raises or takes longer than `limit` s, `prefix` and the reason.
 
     A thread calls it, and receives a SystemExit at the limit, since an endless computation would take the interpreter's

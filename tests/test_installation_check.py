@@ -224,7 +224,7 @@ def test_checked_packages_are_the_declared_dependencies():
     requirements = [requirement.partition(";") for requirement in PYPROJECT["project"]["dependencies"]]
     assert {marker.strip() for _, _, marker in requirements} == {"", "python_version < '3.11'"}
     declared = {canonical(name) for name, _, marker in requirements if not marker or sys.version_info < (3, 11)}
-    assert set(installation_check.required()) == declared
+    assert set(installation_check.required_packages()) == declared
     for distribution in declared:
         module = installation_check.MODULES.get(distribution, distribution)
         parts = tuple(module.split("."))
@@ -236,9 +236,9 @@ def test_checked_packages_are_the_declared_dependencies():
 
 def test_a_requirement_of_older_pythons_is_required_on_them(monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 10, 0, "final", 0))
-    assert "tomli" in installation_check.required()
+    assert "tomli" in installation_check.required_packages()
     monkeypatch.setattr(sys, "version_info", (3, 11, 0, "final", 0))
-    assert "tomli" not in installation_check.required() and "numpy" in installation_check.required()
+    assert "tomli" not in installation_check.required_packages() and "numpy" in installation_check.required_packages()
 
 
 def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch):

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from runtime.cli.parsing import Parser, add_number, add_options
 from runtime.host.console.terminal import print_lines, print_to_stderr
-from runtime.host.ending import Interrupted, handled
+from runtime.host.ending import Interrupted, forget_interrupt
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
-from runtime.host.replaced_file import replaced, write
+from runtime.host.replaced_file import replacement, write
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def measure_sensor(options: Namespace) -> tuple[Device, Readings]:
     """Measure on the rig or in simulation. Returns (sensor, Readings)."""
     from runtime.robot.loading.file import load
     from runtime.robot.rig.file import read
-    from runtime.setup.commissioning.calibration.measuring import OnRig, sensor_of, simulated
+    from runtime.setup.commissioning.calibration.measuring import OnRig, sensor_of, simulate_readings
 
     rig = read(options.rig) if options.rig is not None else None
     file, diagram = load(options.file, options.settings, rig)
@@ -108,7 +108,7 @@ def measure_sensor(options: Namespace) -> tuple[Device, Readings]:
     present(file_of(options.out, sensor))  # before the operator turns the sensor
     sensor.set("calibration", "")  # measure without the present calibration
     if rig is None:
-        return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
+        return sensor, simulate_readings(file, diagram, sensor, options.duration or 60.0)
     with OnRig(rig, sensor) as source:
         return sensor, measure_on_rig(source, options)
 
@@ -133,7 +133,7 @@ def measure_on_rig(source: OnRig, options: Namespace) -> Readings:
     except Interrupted:
         if not len(readings.time):
             raise
-        handled()
+        forget_interrupt()
     return readings
 
 
@@ -174,7 +174,7 @@ def write_result(folder: Path, sensor: Device, result: Result) -> list[str]:
         about = {"name": sensor.path, "kind": type(sensor).__name__, "made": time.strftime("%Y-%m-%d %H:%M:%S")}
         text = calibration.text(about, [*result.parts, *kept])
         write(path, text)
-        with replaced(picture) as file:
+        with replacement(picture) as file:
             draw(sensor.path, result, file)
     except OSError as error:
         raise BadInput(f"{error.filename or folder}: {error.strerror}") from None

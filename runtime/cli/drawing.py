@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runtime.host.errors import BadInput
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 from runtime.record.storage.files import create, private
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def write(draw: Callable[..., Any] | partial, output: Path | None, stem: str, su
         if output is None:
             path, descriptor = create(stem, suffix)
             os.close(descriptor)
-        with replaced(output or path or "", private) as file:
+        with replacement(output or path or "", private) as file:
             draw(file, Path(output or path or "").suffix[1:])
     except BaseException as error:
         if path is not None:

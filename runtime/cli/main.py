@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> i
     except KeyboardInterrupt:  # raised by user code: SIGINT raises Interrupted
         print_to_stderr(["tickwork: stopped by a KeyboardInterrupt in user code; nothing is armed"])
         code = 128 + signal.SIGINT
-    ending.handled()
+    ending.forget_interrupt()
     print_lines([])  # flush what the user's code has printed
     return exit_code(code)
 

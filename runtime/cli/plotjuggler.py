@@ -12,7 +12,7 @@ from typing import Any
 from runtime.cli.parsing import Parser, add_options
 from runtime.host import replaced_file
 from runtime.host.console.terminal import print_lines, program
-from runtime.host.ending import Interrupted, handled
+from runtime.host.ending import Interrupted, forget_interrupt
 from runtime.host.errors import OK, BadInput
 from runtime.host.options import host_and_port
 from runtime.record.storage.files import create
@@ -121,7 +121,7 @@ def stream(
             sender.row(tick, at, [wave(signal["dtype"], place, at) for place, signal in enumerate(signals)])
             tick += 1
     except Interrupted:
-        handled()
+        forget_interrupt()
     report = sender.close()
     print_lines(
         [

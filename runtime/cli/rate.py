@@ -15,7 +15,7 @@ from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.options import number, whole_number
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 from runtime.session.request import Request
 from runtime.setup.bench.rate.robot import ACTUATORS_LIMIT
 from runtime.setup.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
@@ -231,7 +231,7 @@ def _picture(options: Namespace, results: Sequence[Result]) -> None:
     from runtime.setup.bench.rate.picture import draw
 
     try:
-        with replaced(options.picture) as file:
+        with replacement(options.picture) as file:
             draw(
                 [(row.actuators, row.rate, row.limit, row.worst) for row in results],
                 f"{options.model}: highest rate without a missing reply",

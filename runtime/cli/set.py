@@ -103,7 +103,7 @@ def send_changes(
 
 def line(parameter: Parameter, before: float, value: float, tick: int, rate: float) -> str:
     """Return the line of one change. rate : Hz of the run"""
-    text = f"{parameter.path}: {parameter.shown(before)} to {parameter.shown(value)} from tick {tick} on"
+    text = f"{parameter.path}: {parameter.value_text(before)} to {parameter.value_text(value)} from tick {tick} on"
     seconds = abs(value - before) / parameter.slew if parameter.slew > 0.0 else 0.0
     return text + (f", over {seconds:.3g} s" if seconds * rate > 1.0 else "")
 
@@ -115,8 +115,8 @@ def listing(pid: int, shared: SharedState, run_table: Table) -> list[str]:
     lines = [f"{run_table.name} (process {pid}, {shared.state}{when})"]
     width = max(len(parameter.path) for parameter in run_table.parameters)
     for parameter, (value, target) in zip(run_table.parameters, table.values(shared, run_table.parameters)):
-        text = parameter.shown(value) + (f", ramping to {parameter.shown(target)}" if value != target else "")
-        more = [parameter.bounds, f"built as {parameter.shown(parameter.built)}"]
+        text = parameter.value_text(value) + (f", ramping to {parameter.value_text(target)}" if value != target else "")
+        more = [parameter.bounds, f"built as {parameter.value_text(parameter.built)}"]
         if math.isfinite(parameter.slew):
             more.append(f"at most {parameter.slew:g}{parameter.unit_suffix} per second")
         lines.append(f"  {parameter.path:<{width}}  {text}  ({'; '.join(more)})  {parameter.description}".rstrip())

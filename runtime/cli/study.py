@@ -9,7 +9,7 @@ from typing import Any
 from runtime.cli.parsing import Parser, add_count
 from runtime.experiments.optimisation import description, simulated
 from runtime.experiments.optimisation.description import Optimisation
-from runtime.experiments.studies.description import Study, described, read
+from runtime.experiments.studies.description import Study, read, read_study
 from runtime.experiments.studies.run import journal_of, run
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted
@@ -65,4 +65,4 @@ def main(arguments: Sequence[str]) -> int:
 
 def describe(content: Mapping[str, Any]) -> Study:
     """Return the Study of the content of a TOML file, an Optimisation if it has the table [optimise]."""
-    return description.described(content) if description.TABLE in content else described(content)
+    return description.read_optimisation(content) if description.TABLE in content else read_study(content)

@@ -41,7 +41,7 @@ class Descriptors:
         """Remember the file behind a descriptor. purpose : a noun phrase"""
         self._files[purpose] = number, identity(number)
 
-    def lost(self) -> list[str]:
+    def replaced_purposes(self) -> list[str]:
         """Return the purposes of those that were closed, or replaced by another file."""
         return [purpose for purpose, (number, file) in self._files.items() if identity(number) != file]
 

@@ -103,7 +103,7 @@ def raise_if_interrupted() -> None:
         raise Interrupted(_raised.number)
 
 
-def handled() -> None:
+def forget_interrupt() -> None:
     """Continue after an Interrupted, which is not raised again."""
     global _raised
     if _raised is not None:
@@ -129,7 +129,7 @@ def ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def uninterrupted(outcome: "Outcome") -> "Outcome":
+def raise_if_ended_by_signal(outcome: "Outcome") -> "Outcome":
     """Return the outcome of a run; raise Interrupted if a signal has ended it."""
     if outcome.signal:
         raise Interrupted(outcome.signal)

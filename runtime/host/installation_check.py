@@ -40,7 +40,7 @@ def problem(command: str = "", folder: "str | None" = None) -> "str | None":
     """
     if command in READING:
         return _old_python() or _missing(TO_READ)
-    return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing(required())
+    return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing(required_packages())
 
 
 def _old_python():
@@ -81,7 +81,7 @@ def namesake(folder: "str | None") -> "str | None":
         for name in sys.modules
         if not name.startswith("__") and name not in ours and name not in sys.builtin_module_names
     }
-    names.update((MODULES.get(name, name).split(".")[0] for name in required()), LOADED_LATER)
+    names.update((MODULES.get(name, name).split(".")[0] for name in required_packages()), LOADED_LATER)
     for name in sorted(names):
         path = working_folder.namesake(folder, [name])
         if path is not None and place_of(name) != os.path.realpath(folder):
@@ -120,7 +120,7 @@ def _is_importable(module):
         return False
 
 
-def required() -> "list[str]":
+def required_packages() -> "list[str]":
     """Return the names of the distributions that Tickwork requires on this Python.
 
     They are in pyproject.toml of a clone, and otherwise in the metadata of the installation, whose module takes as long

@@ -12,7 +12,7 @@ NAME_LIMIT = 100  # characters of the name of the file in that of the new one
 
 
 @contextmanager
-def replaced(
+def replacement(
     path: str | os.PathLike[str],
     opener: Callable[[str, int], int] | None = None,
     durable: bool = True,
@@ -59,5 +59,5 @@ def replaced(
 
 def write(path: str | os.PathLike[str], data: bytes | str) -> None:
     """Replace a file as `replaced` does. data : bytes, or text for UTF-8. Raises OSError"""
-    with replaced(path) as file:
+    with replacement(path) as file:
         file.write(data.encode() if isinstance(data, str) else data)

@@ -70,7 +70,7 @@ class Armed:
             raise_if_interrupted()
             outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
         finally:
-            with undisturbed(handler, lasting=outcome is not None and outcome.signal != 0):
+            with ignore_ending_signals(handler, lasting=outcome is not None and outcome.signal != 0):
                 result = self.finish(outcome, time.monotonic() - began, waited)
         assert result is not None  # without an outcome the executor has raised
         return result
@@ -97,7 +97,7 @@ class Armed:
             event |= {"question": shared.question} if table.confirm else {}
             shared.push(RECORD_EVENT, json.dumps(event).encode())
 
-        def permitted() -> bool:
+        def ask_permission() -> bool:
             """Return whether the reading of every joint is confirmed.
 
             If one is not, the table is printed again.
@@ -114,7 +114,12 @@ class Armed:
                 show()
             return False
 
-        options = {"answered": show, "confirm": table.confirm, "permitted": permitted, "arm_slot": prepared.arm_slot}
+        options = {
+            "answered": show,
+            "confirm": table.confirm,
+            "permitted": ask_permission,
+            "arm_slot": prepared.arm_slot,
+        }
         return (
             options if poses is None else options | {"may_return": lambda path: poses.may_return(path, control.values)}
         )
@@ -270,7 +275,7 @@ def one_interrupt(shared: SharedState) -> Handler:
 
 
 @contextmanager
-def undisturbed(before: Handler, lasting: bool) -> Iterator[None]:
+def ignore_ending_signals(before: Handler, lasting: bool) -> Iterator[None]:
     """Ignore the ending signals: a second one interrupts neither the stop of the motors nor the end of a recording.
 
     before : the handler of SIGINT that is restored afterwards

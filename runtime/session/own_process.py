@@ -164,12 +164,12 @@ class RunProcess:
 
     def wait(self) -> Trial:
         """Print the output of the run until it has ended, and return its Trial. Raises as runtime.run does."""
-        self._guarded(lambda over: over)
+        self._follow(lambda over: over)
         return self.trial()
 
     def start(self) -> bool:
         """Wait until the robot is armed. Returns False if the run has ended. Raises as runtime.run does."""
-        self._guarded(lambda over: over or self._state() == "running")
+        self._follow(lambda over: over or self._state() == "running")
         return self.child.returncode is None
 
     def end(self) -> None:
@@ -207,7 +207,7 @@ class RunProcess:
         if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
             show_as_line(error, f"the run was stopped; its recording is {recording}")
 
-    def _guarded(self, done: Callable[[bool], bool]) -> None:
+    def _follow(self, done: Callable[[bool], bool]) -> None:
         """Follow the run until `done`, a function of whether it has ended. An exception ends the run."""
         try:
             while not done(over := self.look(POLL_PERIOD)):

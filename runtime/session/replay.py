@@ -23,7 +23,7 @@ from cext.schedule.outcome import Outcome
 from graph.store import to_json
 from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import one_line
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.host.errors import BadInput
 from runtime.record.analysis.compare import Comparison
 from runtime.record.analysis.trial import Trial
@@ -183,7 +183,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
         result = ReplaySession(prepared, trial, comparison, metadata).carry_out()
     except RecorderError as error:
         raise BadInput(str(error)) from None
-    outcome = uninterrupted(result.outcome)
+    outcome = raise_if_ended_by_signal(result.outcome)
     if result.recording["problems"]:
         raise BadInput(result.recording["problems"][0])
     files = [entry["path"] for entry in result.recording["files"]]

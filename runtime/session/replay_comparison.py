@@ -25,7 +25,7 @@ class Side:
         """Add a block. before : number of rows of this side before each of the frames"""
         self.row_count += len(rows)
         self.rows.append(rows)
-        self.waiting.append((normalized(frames), before))
+        self.waiting.append((normalize_frames(frames), before))
         arrived = self.waiting
         self.waiting = []
         for block, places in arrived:  # the safe stop after the last row follows the clock
@@ -89,7 +89,7 @@ def pairs(here: list[np.ndarray], there: list[np.ndarray]) -> Iterator[tuple[np.
                 blocks.pop(0)
 
 
-def normalized(frames: np.ndarray) -> np.ndarray:
+def normalize_frames(frames: np.ndarray) -> np.ndarray:
     """Return struct Frames without bits that have no effect. frames : uint8 array (n, bytes of a struct Frame)"""
     frames = frames.copy()
     frames[:, FLAGS] &= FLAG_BITS

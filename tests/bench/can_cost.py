@@ -19,7 +19,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.host.console.progress import rounds
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.host.machine.realtime import Realtime
 from runtime.setup.bench.processes import emulation
 from runtime.setup.bench.rate.robot import UNLIMITED
@@ -169,7 +169,7 @@ def our_chunk(schedule: Schedule, sockets: Sequence[socket.socket], ticks: int) 
     shared = SharedState(1 << 20)
     program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
     program.count_from(STARTING)
-    outcome = uninterrupted(Executor(program, RATE, shared=shared).run(ticks, fade=0.0))
+    outcome = raise_if_ended_by_signal(Executor(program, RATE, shared=shared).run(ticks, fade=0.0))
     if outcome.status != "ok":
         raise OSError(f"the measurement ended: {outcome.status} at {outcome.culprit}. Repeat it on an idle machine")
     return sum(program.reports.missed.values()), shared.statistics()["missed"]

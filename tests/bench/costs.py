@@ -18,7 +18,7 @@ from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.session.prepare import prepare
 from runtime.session.request import Request
 from runtime.session.session import Session
@@ -46,7 +46,7 @@ def recording(rounds: int = 7, ticks: int = 10_000) -> float:
         took = []
         for schedule in schedules:
             shared = SharedState((ticks + 1) * 8 * (3 + len(schedule.columns)))
-            uninterrupted(Executor(Program(schedule), 1000, shared=shared, virtual=True).run(ticks))
+            raise_if_ended_by_signal(Executor(Program(schedule), 1000, shared=shared, virtual=True).run(ticks))
             counts = shared.statistics()
             took.append(counts["busy"] / counts["ticks"])
         differences.append(took[1] - took[0])
@@ -75,9 +75,9 @@ def growth(few: int = 10_000, many: int = 10_000_000) -> int:
     """Return the growth of resident memory in bytes between `few` and `many` ticks, with an unread shared ring."""
     schedule = compile(diagram(1000, 3, 12))
     executor = Executor(Program(schedule), 1000, shared=SharedState(1 << 20), virtual=True)
-    uninterrupted(executor.run(few))
+    raise_if_ended_by_signal(executor.run(few))
     before = resident()
-    uninterrupted(executor.run(many))
+    raise_if_ended_by_signal(executor.run(many))
     return resident() - before
 
 
@@ -89,6 +89,6 @@ def resident() -> int:
 def knee_minute() -> tuple[float, float]:
     """Return (s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
     result = Session(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).carry_out()
-    uninterrupted(result.outcome)
+    raise_if_ended_by_signal(result.outcome)
     counts = result.statistics
     return counts["busy"], counts["waited_for_recorder"]

@@ -20,7 +20,7 @@ from cext.schedule.kernel_table import feed
 from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.host.console.progress import rounds
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.host.machine.realtime import PRIORITY, Realtime
 from runtime.robot.rig.streams import StreamLines
 from runtime.setup.bench.processes import emulation
@@ -90,7 +90,7 @@ def chunk(totals: Beside, seconds: float, sensors: Path | None = None, realtime:
         control = Program(schedule, [lines.lines[name][1].end for name in schedule.buses])
         executor = Executor(control, LOOP, shared=shared)
         processor, wall = time.process_time(), time.perf_counter()
-        uninterrupted(executor.run(round(seconds * LOOP), arming_timeout=5.0))
+        raise_if_ended_by_signal(executor.run(round(seconds * LOOP), arming_timeout=5.0))
         totals.processor += time.process_time() - processor
         totals.wall += time.perf_counter() - wall
     totals.lateness = totals.lateness + shared.counts("lateness")

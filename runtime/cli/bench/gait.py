@@ -52,9 +52,9 @@ def measure_and_print(arguments: Sequence[str]) -> Report:
     from runtime.setup.bench import gait, gait_recordings
 
     names = dict(text.split("=", 1) if "=" in text else (text, "") for text in options.signal)
-    wrong = next((name for name in names if name not in _known(gait_recordings)), None)
+    wrong = next((name for name in names if name not in _signal_kinds(gait_recordings)), None)
     if wrong is not None:
-        raise BadInput(f"--signal {wrong}: expected {', '.join(_known(gait_recordings))}, then = and a name")
+        raise BadInput(f"--signal {wrong}: expected {', '.join(_signal_kinds(gait_recordings))}, then = and a name")
     report = Report(options.json)
     report.say([f"{options.rate:g} Hz; errors from the tenth strike on: before, the estimators learn the wearer"])
     walks = {str(path): gait_recordings.legs(path, names) for path in options.recordings}
@@ -74,7 +74,7 @@ def measure_and_print(arguments: Sequence[str]) -> Report:
     return report
 
 
-def _known(recordings: ModuleType) -> list[str]:
+def _signal_kinds(recordings: ModuleType) -> list[str]:
     return [f"{side}.{kind}" for side in recordings.SIDES for kind in recordings.COLUMNS]
 
 

@@ -98,7 +98,7 @@ class Optimisation(Study):
 KEYS = ("over", "cost", "optimiser", "generations", "population", "seed")
 
 
-def described(content: Mapping[str, Any]) -> Optimisation:
+def read_optimisation(content: Mapping[str, Any]) -> Optimisation:
     """Return the Optimisation of the content of a TOML file with the table [optimise]. Raises BadInput."""
     study = {key: value for key, value in content.items() if key != TABLE}
     check_keys(study)

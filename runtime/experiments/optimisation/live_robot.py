@@ -91,16 +91,16 @@ class Targets:
         if zero and not self.normal:
             self.normal = {index: (live, target_of(live)) for index, (live, _) in off.items()}
         requested = list(({**varied, **off} if zero else {**self.normal, **varied}).values())
-        changes = [(live, self._limited(live, value, present_of(live))) for live, value in requested]
+        changes = [(live, self._limit_step(live, value, present_of(live))) for live, value in requested]
         return changes, changes == requested
 
-    def _limited(self, live, value, present):
+    def _limit_step(self, live, value, present):
         parameter = self.parameters.get(live.index)
         return value if parameter is None else parameter.towards(present, value)
 
-    def shown(self, name: str, value: float) -> str:
+    def value_text(self, name: str, value: float) -> str:
         """Return a value with four digits and its unit."""
-        return self.live[name][0].shown(float(f"{value:.4g}"))
+        return self.live[name][0].value_text(float(f"{value:.4g}"))
 
 
 def matching(run_table: Table, parameter: Parameter) -> list[LiveParameter]:
@@ -179,7 +179,7 @@ class LiveRobot(Robot):
         changes, complete = self._changes(values, False, self._values())
         return [(live.index, value) for live, value in changes], complete
 
-    def reached(self) -> bool:
+    def has_arrived(self) -> bool:
         values = self._values()
         return all(values[index][0] == value for index, value in self.applied.items())
 
@@ -188,8 +188,8 @@ class LiveRobot(Robot):
         changed = (index for index, value in self.applied.items() if values[index][1] != value)
         return next((self.table.parameters[index].path for index in changed), None)
 
-    def shown(self, name: str, value: float) -> str:
-        return self.targets.shown(name, value)
+    def value_text(self, name: str, value: float) -> str:
+        return self.targets.value_text(name, value)
 
     def _changes(self, values, zero, before):
         return self.targets.changes(

@@ -246,7 +246,7 @@ def make_optimiser(
     return OPTIMISERS[name](parameters, seed, population)
 
 
-def restored(state: Mapping[str, Any]) -> Optimiser:
+def restore_optimiser(state: Mapping[str, Any]) -> Optimiser:
     """Return an optimiser that continues from a `state`, with the same proposals.
 
     Proposals without a cost are made again. Raises BadInput.

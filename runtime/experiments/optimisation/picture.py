@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.experiments.optimisation.parameters import Parameter
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 from runtime.record.analysis import picture
 from runtime.record.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, drawable, plain, short
 from runtime.record.storage.files import private
@@ -43,7 +43,7 @@ def write(path: str) -> list[str]:
         errors=state["errors"],
         validated=state["validated"],
     )
-    with replaced(target, private) as file:
+    with replacement(target, private) as file:
         picture.save(made, file)
     return [f"picture: {target}"]
 

@@ -20,7 +20,7 @@ from runtime.experiments.optimisation.cart import open_cart
 from runtime.experiments.optimisation.costs import CartCost, Cost, SignalCost, Typed
 from runtime.experiments.optimisation.live_robot import LiveRobot, Targets
 from runtime.experiments.optimisation.metabolic import Estimate
-from runtime.experiments.optimisation.optimisers import Optimiser, restored
+from runtime.experiments.optimisation.optimisers import Optimiser, restore_optimiser
 from runtime.experiments.optimisation.protocol import BACKSPACE, HELP, NUMERALS, Protocol, Settings
 from runtime.experiments.optimisation.state_file import StateFile
 from runtime.host.child_process import ChildProcess
@@ -97,7 +97,7 @@ def main(answers: int, control: int, shared: int, channel: int) -> None:
         if plan is None:
             return
         try:
-            optimiser = restored(plan["state"]["optimiser"])
+            optimiser = restore_optimiser(plan["state"]["optimiser"])
             cost = cost_of(plan["cost"])
         except BadInput as error:
             answer(answers, {"error": str(error)})

@@ -72,7 +72,7 @@ class Robot:
         """
         raise NotImplementedError
 
-    def reached(self) -> bool:
+    def has_arrived(self) -> bool:
         """Return whether all ramps have ended."""
         raise NotImplementedError
 
@@ -80,7 +80,7 @@ class Robot:
         """Return the path of a parameter that was changed since `apply` by another process; None without one."""
         return None
 
-    def shown(self, name: str, value: float) -> str:
+    def value_text(self, name: str, value: float) -> str:
         """Return the value of a parameter with its unit."""
         return f"{value:.6g}"
 
@@ -229,7 +229,7 @@ class Protocol:
         self.phase, self.until, self._pressed = phase, math.inf, None
         self.question += 1
 
-    def _confirmed(self) -> Steps:
+    def _await_confirmation(self) -> Steps:
         """Wait until the operator presses y."""
         if not self.settings.attended:
             raise Abandoned("a confirmation is needed, and no terminal is attached")
@@ -244,7 +244,7 @@ class Protocol:
         """Ramp to values, by no more than the largest step at a time."""
         while True:
             complete = self.robot.apply(values, zero)
-            yield from self._wait("ramp", self.robot.reached)
+            yield from self._wait("ramp", self.robot.has_arrived)
             if complete:
                 return
             resume = self.now + STAGE_TIME
@@ -260,13 +260,13 @@ class Protocol:
                 continue
             except (Missing, Interfered) as error:
                 self.report("missing", [f"the accepted parameters are not restored: {error}"], reason=str(error))
-                yield from self._held()
+                yield from self._insist_on_confirmation()
 
-    def _held(self) -> Steps:
+    def _insist_on_confirmation(self) -> Steps:
         """Wait until the operator presses y; no other key has an effect."""
         while True:
             try:
-                yield from self._confirmed()
+                yield from self._await_confirmation()
                 return
             except (Skipped, Paused):
                 continue
@@ -288,7 +288,7 @@ class Protocol:
                 number,
                 values=proposal,
             )
-            estimate = yield from self._evaluated(proposal, False, number)
+            estimate = yield from self._evaluate(proposal, False, number)
             if estimate is None:
                 continue
             self.optimiser.tell(proposal, estimate.value)
@@ -297,7 +297,7 @@ class Protocol:
             self.save()
             best = min(range(number), key=lambda place: self.optimiser.told[place][1])
             lowest = f"; lowest {self.number(self.optimiser.told[best][1])} in evaluation {best + 1}"
-            self.measured(f"evaluation {number} of {evaluations}", estimate, number, lowest, values=proposal)
+            self.report_measurement(f"evaluation {number} of {evaluations}", estimate, number, lowest, values=proposal)
         found = self.optimiser.optimum()
         order = self.settings.order()
         while len(self.validated) < len(order):
@@ -306,14 +306,14 @@ class Protocol:
             self.title = f"validation {number}/{len(order)}"
             self.report("validation", [f"{self.title}"], number, condition=condition)
             values = self.initial if condition == "initial" else found
-            estimate = yield from self._evaluated(values, condition == "zero", number)
+            estimate = yield from self._evaluate(values, condition == "zero", number)
             if estimate is None:
                 estimate = Estimate(math.nan, math.nan, 0)
             self.validated.append((condition, estimate))
             self.save()
-            self.measured(self.title, estimate, number, condition=condition)
+            self.report_measurement(self.title, estimate, number, condition=condition)
         self.title = "found"
-        lines = [f"found: {self.listed(found)}", *self.comparison()]
+        lines = [f"found: {self.values_text(found)}", *self.comparison()]
         self.report("found", lines, values=found)
         self.accepted = found
         yield from self._return()
@@ -330,20 +330,20 @@ class Protocol:
         lines = [
             f"{count(trials, 'measurement')} of {settings.settle + settings.measure:g} s: "
             f"{trials * (settings.settle + settings.measure) / 60.0:.0f} min",
-            f"{which} parameters: {self.listed(self.accepted)}",
+            f"{which} parameters: {self.values_text(self.accepted)}",
         ]
         self.report("begin", lines + [HELP] * settings.attended, values=self.accepted)
         if self.settings.confirm:
-            yield from self._held()
+            yield from self._insist_on_confirmation()
         yield from self._return()
 
-    def _evaluated(self, values: Mapping[str, float], zero: bool, number: int) -> Steps:
+    def _evaluate(self, values: Mapping[str, float], zero: bool, number: int) -> Steps:
         """Ramp to values and measure their cost. Returns its Estimate; None if the operator has skipped it."""
         confirmed, failures = not self.settings.confirm, 0
         while True:
             try:
                 if not confirmed:
-                    yield from self._confirmed()
+                    yield from self._await_confirmation()
                 confirmed = True
                 yield from self._ramp(values, zero)
                 self.report("change", [], number, values=values)
@@ -419,7 +419,7 @@ class Protocol:
         lines = [f"tickwork: {line}" for line in lines]
         self._report(step, lines, **({} if number is None else {"number": number}), **fields)
 
-    def measured(self, title: str, estimate: Estimate, number: int, more: str = "", **fields: Any) -> None:
+    def report_measurement(self, title: str, estimate: Estimate, number: int, more: str = "", **fields: Any) -> None:
         """Record a measurement."""
         self.report(
             "measurement",
@@ -436,16 +436,16 @@ class Protocol:
         tolerance = f" ± {error:.2g}" if error == error else ""
         return f"{value:.4g}{tolerance} {self.cost.unit}".rstrip()
 
-    def listed(self, values: Mapping[str, float]) -> str:
+    def values_text(self, values: Mapping[str, float]) -> str:
         """Return parameters as text."""
-        return ", ".join(f"{name} {self.robot.shown(name, value)}" for name, value in values.items())
+        return ", ".join(f"{name} {self.robot.value_text(name, value)}" for name, value in values.items())
 
     def differences(self, values: Mapping[str, float]) -> str:
         """Return parameters as text, each with its accepted value before it where that differs."""
         return ", ".join(
             f"{name} "
-            + (f"{self.robot.shown(name, self.accepted[name])} to " if value != self.accepted[name] else "")
-            + self.robot.shown(name, value)
+            + (f"{self.robot.value_text(name, self.accepted[name])} to " if value != self.accepted[name] else "")
+            + self.robot.value_text(name, value)
             for name, value in values.items()
         )
 

@@ -64,7 +64,7 @@ class OptimisationResult(StudyResult):
         return f"<OptimisationResult: {len(self.costs)} evaluations, {self.study.minimised}>"
 
 
-def stored(path: Path, study: Optimisation, identity: dict[str, Any]) -> OptimisationResult:
+def load_result(path: Path, study: Optimisation, identity: dict[str, Any]) -> OptimisationResult:
     """Read the table of this optimisation from a Parquet file. Raises BadInput if it is that of another one."""
     rows = read_table(path, identity).to_pylist()
     proposals = [{name: row[name] for name in study.over} for row in rows[:: len(study.runs())]]

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from runtime.experiments.optimisation.description import Optimisation
-from runtime.experiments.optimisation.result import OptimisationResult, costs_of, stored
+from runtime.experiments.optimisation.result import OptimisationResult, costs_of, load_result
 from runtime.experiments.studies.engine import Engine
 from runtime.experiments.studies.journal import Journal
 from runtime.experiments.studies.run import Rows, calculate, complete
@@ -49,7 +49,7 @@ def run(
         number = len(proposals) * len(runs)
         return OptimisationResult(replace(optimisation, proposals=proposals), [rows[each] for each in range(number)])
 
-    return calculate(optimisation, result, stored, output, workers, dask, _versions(optimisation))
+    return calculate(optimisation, result, load_result, output, workers, dask, _versions(optimisation))
 
 
 def _versions(optimisation: Optimisation) -> dict[str, str]:

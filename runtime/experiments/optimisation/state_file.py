@@ -94,7 +94,9 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
         raise BadInput(f"--resume {path}: this is not the state of an optimisation, *.optimisation.json") from None
     differing = [name for name in {**known, **about} if known.get(name) != about.get(name)]
     if differing:
-        changes = "; ".join(f"{name} {_shown(known.get(name))}, now {_shown(about.get(name))}" for name in differing)
+        changes = "; ".join(
+            f"{name} {_value_text(known.get(name))}, now {_value_text(about.get(name))}" for name in differing
+        )
         raise BadInput(f"--resume {path}: it was made with {changes}. Pass the same options, or begin without --resume")
     try:
         _check(state)
@@ -108,7 +110,7 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
     return state
 
 
-def _shown(value):
+def _value_text(value):
     """Return a setting as text: parameters by their names, bounds and initial value, as the option --over has them."""
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value) or not value:
         return repr(value)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from runtime.experiments.optimisation.costs import SignalCost
 from runtime.experiments.optimisation.live_robot import Targets
 from runtime.experiments.optimisation.metabolic import Estimate
-from runtime.experiments.optimisation.optimisers import restored
+from runtime.experiments.optimisation.optimisers import restore_optimiser
 from runtime.experiments.optimisation.protocol import Protocol, Robot, Settings
 from runtime.experiments.optimisation.recorder import SUFFIX
 from runtime.experiments.optimisation.state_file import StateFile
@@ -48,11 +48,11 @@ class SimulatedRobot(Robot):
         self.applied = {live.path: value for live, value in changes}
         return complete
 
-    def reached(self) -> bool:
+    def has_arrived(self) -> bool:
         return all(self.run[path] == value for path, value in self.applied.items())
 
-    def shown(self, name: str, value: float) -> str:
-        return self.targets.shown(name, value)
+    def value_text(self, name: str, value: float) -> str:
+        return self.targets.value_text(name, value)
 
 
 def optimise(
@@ -109,7 +109,7 @@ def optimise(
 def protocol_of(run: SimulatedRun, plan: dict[str, Any], path: str) -> Protocol:
     """Return the Protocol of a plan. path : path of the state file"""
     state, cost = plan["state"], plan["cost"]
-    optimiser = restored(state["optimiser"])
+    optimiser = restore_optimiser(state["optimiser"])
     robot = SimulatedRobot(run, Targets(parse(describe(run.schedule)[1]), optimiser.parameters, plan["zero"]))
     file = StateFile(path, state)
     protocol = Protocol(

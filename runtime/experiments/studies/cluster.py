@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from graph.sha256 import sha256
-from runtime.experiments.studies.description import Study, described
-from runtime.experiments.studies.engine import Engine, Order, failed
+from runtime.experiments.studies.description import Study, read_study
+from runtime.experiments.studies.engine import Engine, Order, failure_text
 from runtime.experiments.studies.modules import import_again, is_imported
 from runtime.experiments.studies.trial_row import answer
 from runtime.host.console.terminal import print_to_stderr
@@ -64,9 +64,9 @@ class Cluster(Engine):
             for future, row in ended:
                 if not isinstance(row, dict):  # an exception, or with its type and traceback
                     error = row[1] if isinstance(row, tuple) else row
-                    raise BadInput(failed(*order_of[future.key], f"{type(error).__name__}: {error}"))
+                    raise BadInput(failure_text(*order_of[future.key], f"{type(error).__name__}: {error}"))
                 if "stop" in row:
-                    raise BadInput(failed(*order_of[future.key], row["stop"]))
+                    raise BadInput(failure_text(*order_of[future.key], row["stop"]))
                 yield row
         finally:
             self._client.cancel(futures)
@@ -99,7 +99,7 @@ def _trial(order, description, source, sources, folder, release):
     if folder not in sys.path:
         sys.path.append(folder)
     if not is_imported(sources):
-        own = described(description).sources()
+        own = read_study(description).sources()
         if own != sources:
             names = ", ".join(name for name in sources if own.get(name) != sources[name])
             return {"stop": f"the modules {names} of the worker are others"}

@@ -183,7 +183,7 @@ def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Describ
         raise BadInput(f"{path}: {error}") from None
 
 
-def described(content: Mapping[str, Any]) -> Study:
+def read_study(content: Mapping[str, Any]) -> Study:
     """Return the Study of a mapping with the keys of a TOML file. Raises BadInput."""
     check_keys(content)
     return Study(**content)

@@ -53,7 +53,7 @@ class Here(Engine):
             try:
                 row = trial_row(self._study.diagram, self._study.run_of(parameters), self._objectives)
             except UserCodeError as error:
-                raise BadInput(failed(number, parameters, str(error))) from error
+                raise BadInput(failure_text(number, parameters, str(error))) from error
             yield {"trial": number, **row}
 
 
@@ -96,13 +96,13 @@ class Processes(Engine):
                         worker.end()
                         if attempts[order[0]] >= ATTEMPT_LIMIT:
                             raise BadInput(
-                                failed(*order, "its process was killed or crashed. Run this trial by itself")
+                                failure_text(*order, "its process was killed or crashed. Run this trial by itself")
                             )
                         waiting.appendleft(order)
                         worker = Worker(self._study)
                     elif "stop" in row:
                         worker.end()
-                        raise BadInput(failed(*order, row["stop"]))
+                        raise BadInput(failure_text(*order, row["stop"]))
                     start(worker)
                     if row is not None:
                         yield row
@@ -115,7 +115,7 @@ class Processes(Engine):
             self._idle.pop().end()
 
 
-def failed(number: int, parameters: dict[str, Any], reason: str) -> str:
+def failure_text(number: int, parameters: dict[str, Any], reason: str) -> str:
     """Return the message about a trial that stops the study."""
     values = ", ".join(f"{name}={value}" for name, value in parameters.items())
     return f"trial {number}{f' ({values})' if values else ''}: {reason}"

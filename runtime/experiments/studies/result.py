@@ -127,7 +127,7 @@ class StudyResult:
         return f"<StudyResult: {len(self)} trials, {', '.join(self.study.objectives)}>"
 
 
-def stored(path: Path, study: Study, identity: dict[str, Any]) -> StudyResult:
+def load_result(path: Path, study: Study, identity: dict[str, Any]) -> StudyResult:
     """Read the table of this study from a Parquet file. Raises BadInput if the file is that of another study."""
     names = ["trial", *study.objectives, *RESULTS[1:]]
     return StudyResult(study, read_table(path, identity).select(names).to_pylist())

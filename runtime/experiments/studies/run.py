@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 
 from runtime.experiments.studies.cluster import Cluster
 from runtime.experiments.studies.description import Study
-from runtime.experiments.studies.engine import Engine, Here, Order, Processes, failed
+from runtime.experiments.studies.engine import Engine, Here, Order, Processes, failure_text
 from runtime.experiments.studies.journal import Journal
-from runtime.experiments.studies.result import PURPOSE, StudyResult, stored
+from runtime.experiments.studies.result import PURPOSE, StudyResult, load_result
 from runtime.host.console.progress import Progress
 from runtime.host.console.styles import count
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 
 Rows = dict[int, dict[str, Any]]  # number of a trial: its row
 Result = TypeVar("Result", bound=StudyResult)
@@ -40,7 +40,7 @@ def run(study: Study, output: Path | None = None, workers: int | None = None, da
             complete(engine, orders, rows, journal, progress)
         return StudyResult(study, [rows[number] for number, _ in orders])
 
-    return calculate(study, result, stored, output, workers, dask)
+    return calculate(study, result, load_result, output, workers, dask)
 
 
 def calculate(
@@ -75,7 +75,7 @@ def calculate(
         with _engine(study, workers, dask) as engine:
             calculated = result(engine, dict(journal.rows), journal)
         try:
-            with replaced(output) as file:
+            with replacement(output) as file:
                 calculated.write(file, identity)
         except OSError as error:
             raise BadInput(f"cannot write {output}: {error.strerror or error}; {path} has the trials") from None
@@ -102,7 +102,7 @@ def complete(
     try:
         for number, row in enumerate(ended, 1):
             if row["trial"] == 0 and row["error"] is not None:
-                raise BadInput(failed(*missing[0], row["error"]))
+                raise BadInput(failure_text(*missing[0], row["error"]))
             rows[row["trial"]] = row
             new.append(row)
             while journal is not None and 0 in rows and new:  # the description is right if the first trial is

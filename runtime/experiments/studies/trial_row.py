@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from graph import DiagramError
-from runtime.experiments.studies.description import described
+from runtime.experiments.studies.description import read_study
 from runtime.experiments.studies.objectives import load
 from runtime.host.errors import BadInput
 from runtime.record.analysis.trial import Trial
@@ -54,7 +54,7 @@ def answer(description: Mapping[str, Any], order: tuple[int, dict[str, Any]]) ->
     description : description of the study, as in its TOML file
     order : number of the trial, its parameters
     """
-    study = described(description)
+    study = read_study(description)
     objectives = {name: load(name, given) for name, given in study.objectives.items()}
     try:
         return {"trial": order[0], **trial_row(study.diagram, study.run_of(order[1]), objectives)}

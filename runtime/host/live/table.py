@@ -37,11 +37,11 @@ class Parameter(Struct, frozen=True):
         """Return a value in the parameter's type."""
         return {"float": float, "int": int, "bool": bool}[self.dtype](value)
 
-    def written(self, value: float) -> str:
+    def setting_text(self, value: float) -> str:
         """Return a value in the syntax of `--set`, exactly: '40.0', '3', 'true'."""
         return repr(self.plain(value)).lower()
 
-    def shown(self, value: float) -> str:
+    def value_text(self, value: float) -> str:
         """Return a value with its unit for display: '40 N·m/rad'."""
         return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.unit_suffix
 
@@ -55,7 +55,7 @@ class Parameter(Struct, frozen=True):
         """Range as text: '0 to 150 N·m/rad', or 'false or true'."""
         return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.unit_suffix}"
 
-    def stepped(self, value: float, steps: int) -> float:
+    def next_step(self, value: float, steps: int) -> float:
         """Return the value after a number of fine key steps, on whole steps and within the bounds.
 
         steps : 1 or -1, or FINE times that for a step of about a twentieth of the range, 1, 2 or 5 times a power of ten

@@ -177,7 +177,7 @@ class Machine:
         words = self.read("/proc/version").split()
         return words[2] if len(words) > 2 else ""
 
-    def configured(self, option: str) -> str:
+    def kernel_option(self, option: str) -> str:
         """Return 'y' or 'm' for an option of the kernel, "" if it is off or unknown."""
         try:
             text = gzip.decompress(self.raw("/proc/config.gz")).decode()

@@ -179,7 +179,7 @@ class Realtime:
     def _lock_memory(self):
         size = address_space()
         needed, name = size + HEADROOM, "locked memory"
-        if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, needed):
+        if not capable(CAP_IPC_LOCK) and not self._raise_limit(resource.RLIMIT_MEMLOCK, needed):
             limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
             raise Refusal(
                 name,
@@ -242,7 +242,7 @@ class Realtime:
 
     def _take_priority(self):
         name = f"SCHED_FIFO {self.priority}"
-        permitted = capable(CAP_SYS_NICE) or self._raised(resource.RLIMIT_RTPRIO, self.priority)
+        permitted = capable(CAP_SYS_NICE) or self._raise_limit(resource.RLIMIT_RTPRIO, self.priority)
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         with ExitStack() as guard:
             limit_spinning(guard, self._stop_watching)
@@ -277,7 +277,7 @@ class Realtime:
             "kernel.sched_rt_runtime_us=-1",
         )
 
-    def _raised(self, which, needed):
+    def _raise_limit(self, which, needed):
         """Raise a limit as far as possible without privilege, and return whether it is `needed` or more."""
         soft, hard = resource.getrlimit(which)
         if _is_at_least(soft, needed):

@@ -167,7 +167,7 @@ def table(first: Condition, second: Condition, comparison: dict[str, Differences
                     f"{row.name} [{row.unit}]",
                     spread_text(row.first),
                     spread_text(row.second),
-                    signed(row.largest),
+                    signed_text(row.largest),
                     percent(row),
                     effect_text(row.effect),
                 )
@@ -181,7 +181,7 @@ def table(first: Condition, second: Condition, comparison: dict[str, Differences
                 [
                     (
                         f"{row.name} [{row.unit}]" if row.unit not in ("1", "any") else row.name,
-                        signed(row.largest),
+                        signed_text(row.largest),
                         f"{row.at:.0f} %",
                         effect_text(row.effect),
                     )
@@ -209,7 +209,7 @@ def spread_text(spread: tuple[float, float] | None) -> str:
     return f"{mean:.{digits}f} ± {deviation:.{digits}f}".translate(MINUS)
 
 
-def signed(value: float) -> str:
+def signed_text(value: float) -> str:
     """Return a number with its sign and three digits; '0' for zero."""
     return f"{value:+.3g}".translate(MINUS) if value else "0"
 

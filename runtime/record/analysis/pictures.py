@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 
 if TYPE_CHECKING:
     from runtime.record.analysis.conditions import Condition
@@ -44,7 +44,7 @@ class Pictures:
         for title, draw in self.draws.items():
             stem = target.stem if len(self.draws) == 1 else f"{target.stem}_{file_name(title)}"
             paths.append(target.with_name(stem + target.suffix))
-            with replaced(paths[-1]) as file:
+            with replacement(paths[-1]) as file:
                 draw(file, target.suffix[1:])
         return paths
 

@@ -24,7 +24,7 @@ UNIT = 1e-3  # tolerance of the squared norm of a unit quaternion, for rounded s
 T = TypeVar("T", bound="TrialData")
 
 
-def resampled(trial: T, rate: float) -> T:
+def resample_trial(trial: T, rate: float) -> T:
     """Return a Trial with rows at integer multiples of 1 / rate, NaN in the gaps of a damaged recording.
 
     rate : Hz

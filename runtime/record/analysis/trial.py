@@ -39,7 +39,7 @@ class Trial(TrialData):
 
         Raises BadInput for an empty Trial, or one that would not fit into memory.
         """
-        return resample.resampled(self, rate)
+        return resample.resample_trial(self, rate)
 
     def strides(
         self,

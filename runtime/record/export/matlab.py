@@ -61,7 +61,9 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
         "paths": paths.content,
         "fields": fields.content,
     }
-    need("scipy.io", "a MATLAB file").savemat(path, {VARIABLE: filled(made)}, long_field_names=True, oned_as="column")
+    need("scipy.io", "a MATLAB file").savemat(
+        path, {VARIABLE: fill_empty(made)}, long_field_names=True, oned_as="column"
+    )
 
 
 class Struct:
@@ -98,6 +100,6 @@ def legal(name: str, taken: set[str]) -> str:
     return unique(name, taken.__contains__, NAME_LENGTH_LIMIT)
 
 
-def filled(content: dict[str, Any]) -> dict[str, Any]:
+def fill_empty(content: dict[str, Any]) -> dict[str, Any]:
     """Replace structs without fields, which cannot be written, by an empty value."""
-    return {name: (filled(value) or []) if isinstance(value, dict) else value for name, value in content.items()}
+    return {name: (fill_empty(value) or []) if isinstance(value, dict) else value for name, value in content.items()}

@@ -103,7 +103,7 @@ class Copy:
                 data = json.dumps(about, ensure_ascii=False).encode()
             self.writer.attach(attachment.name, attachment.media_type, data)
 
-    def joined(self, body: bytes, drain: int) -> bytes | None:
+    def join_frames(self, body: bytes, drain: int) -> bytes | None:
         """Return a message CanFrames with the frames before the next part, None without any.
 
         drain : drain of the part; the time of drain 0 is that of the last drain in the previous part
@@ -128,7 +128,7 @@ class Copy:
                     return
                 publish_time = publish_time if sequence or not self.seam else self.seam.drained
             elif self.seam or self.following:
-                body = self.joined(body, sequence)
+                body = self.join_frames(body, sequence)
                 if body is None:
                     return
             sequence += self.seam.drains if self.seam else 0

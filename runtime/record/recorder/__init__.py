@@ -127,18 +127,20 @@ class RecorderProcess(ChildProcess):
             report = self._answer(timeout)
         except TimeoutError:
             self._close_terminal()
-            return self._lost(
+            return self._report_of_loss(
                 f"the recorder (process {self.pid}) has not finished after {timeout:g} s and continues alone"
             )
         except OSError:
             self._end()
-            return self._lost(
+            return self._report_of_loss(
                 "the report of the recorder is missing, because a block closed file descriptors of the run or "
                 "lowered their limit. The recorder has completed the files"
             )
         how = self._end()
         if report is None:
-            return self._lost(f"the recorder process died before the end ({how}) and the files end there; {REMEDY}")
+            return self._report_of_loss(
+                f"the recorder process died before the end ({how}) and the files end there; {REMEDY}"
+            )
         return report
 
     def abandon(self) -> None:
@@ -159,7 +161,7 @@ class RecorderProcess(ChildProcess):
                 os.close(self.terminal)
             self.terminal = None
 
-    def _lost(self, problem):
+    def _report_of_loss(self, problem):
         return {"files": self.files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
 
     def _await_writer(self, timeout):

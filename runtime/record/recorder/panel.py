@@ -120,7 +120,7 @@ class Panel:
                 [
                     (
                         parameter,
-                        parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key]),
+                        parameter.built if key == "0" else parameter.next_step(self.target(parameter), STEPS[key]),
                     )
                     for parameter in parameters
                 ],
@@ -196,7 +196,7 @@ class Panel:
         lines = [f"# {self.table.name}: live parameters at tick {tick}; `--set @FILE` reads this"]
         for parameter in self.table.parameters:
             lines.append(f"# {parameter.bounds}; {parameter.description}".rstrip("; "))
-            lines.append(f"{parameter.path}={parameter.written(self.target(parameter))}")
+            lines.append(f"{parameter.path}={parameter.setting_text(self.target(parameter))}")
         try:
             path, descriptor = create(os.path.join(plan["folder"] or "", plan["stem"]), SAVED_SUFFIX)
             os.close(descriptor)
@@ -248,4 +248,4 @@ def choices(parameters: Iterable[Any]) -> list[tuple[str, list[Any]]]:
 
 def shown(parameter: Any, value: float, target: float) -> str:
     """Return the value of a parameter as text, and its target if that differs."""
-    return parameter.shown(value) + (f" > {parameter.shown(target)}" if value != target else "")
+    return parameter.value_text(value) + (f" > {parameter.value_text(target)}" if value != target else "")

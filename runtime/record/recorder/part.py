@@ -228,7 +228,7 @@ class Recording:
         """Return the state for the next part, should this process die: a dict for JSON."""
         return {
             "sizes": self.sizes(),
-            "files": self.known(),
+            "files": self.described_files(),
             "stem": self.plan["stem"],
             "sidecar": self.sidecar,
             "log": next((service.unfinished for _, service in self.services if service.unfinished), None),
@@ -290,7 +290,7 @@ class Recording:
                 report["files"] = self.list_files()
         return report
 
-    def known(self) -> dict[str, str]:
+    def described_files(self) -> dict[str, str]:
         """Return {path: remark} of every file, the sidecar last."""
         known = {
             **self.before,
@@ -304,7 +304,7 @@ class Recording:
 
     def list_files(self) -> list[dict[str, str]]:
         """Return every file as the report lists it."""
-        return [{"path": path, "note": note} for path, note in self.known().items()]
+        return [{"path": path, "note": note} for path, note in self.described_files().items()]
 
     def discard(self) -> None:
         """Remove all files and folders of this recording."""

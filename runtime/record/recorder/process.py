@@ -148,7 +148,7 @@ def death_of_writer(writer: Callable[[], None], shared: SharedState) -> tuple[st
         except BaseException as error:  # the parent prints it: a traceback would tear the status line
             code = CANNOT_RECORD if isinstance(error, RecordingFailed) else 1
             with suppress(BaseException):
-                os.write(pipe, described(error).encode(errors="backslashreplace")[:500])
+                os.write(pipe, error_text(error).encode(errors="backslashreplace")[:500])
         os._exit(code)
     os.close(pipe)
     status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
@@ -159,7 +159,7 @@ def death_of_writer(writer: Callable[[], None], shared: SharedState) -> tuple[st
     return text or (signal.Signals(-status).name if status < 0 else f"exit code {status}"), status == CANNOT_RECORD
 
 
-def described(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return the text of an exception in one line."""
     return " ".join((str(error) if isinstance(error, RecordingFailed) else name_and_text(error)).split())
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from cext.user_text import name_and_text
 from runtime.host.errors import BadInput
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 from runtime.record.storage.changes import stopped_by
 from runtime.record.storage.files import private
 from runtime.record.storage.provenance import optional
@@ -102,5 +102,5 @@ def write_json(path: str, content: Any, durable: bool = True) -> None:
     """
     import msgspec.json
 
-    with replaced(path, private, durable, path + PARTIAL) as file:
+    with replacement(path, private, durable, path + PARTIAL) as file:
         file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")

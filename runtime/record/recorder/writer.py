@@ -151,7 +151,7 @@ def drain(
     flushed = recording.ticks
     while True:
         # read before the drain: all earlier records are then in the ring
-        over = shared.closed or (control.gone and not guarded(shared))
+        over = shared.closed or (control.gone and not is_guarded(shared))
         rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
         records = read(shared, rows)
         recording.take(records)
@@ -176,7 +176,7 @@ def drain(
         control.look(idle)
 
 
-def guarded(shared: SharedState) -> bool:
+def is_guarded(shared: SharedState) -> bool:
     """Return whether a guardian runs, which reports its stop after the death of the control process."""
     return time.monotonic_ns() - shared.guarded < GUARDIAN_DEATH
 

@@ -105,7 +105,7 @@ def unclear(result: RunResult) -> str:
     )
 
 
-def raised(outcome: Outcome) -> str:
+def exception_text(outcome: Outcome) -> str:
     """Return the text for an exception of a Python block, or for its exit from the program.
 
     An exception is a defect; an exit is not, but ends the run with the same safe stop.
@@ -115,7 +115,7 @@ def raised(outcome: Outcome) -> str:
     return f"its step exited the program ({words(error)})" if leaves else "its step raised an exception"
 
 
-def seen(case: Case, what: str, unit: str) -> str:
+def highest_text(case: Case, what: str, unit: str) -> str:
     """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one.
 
     what : key in DeviceReports.watched
@@ -147,7 +147,7 @@ def silent(result: RunResult, block: Block | None) -> str:
     )
 
 
-def unanswered(result: RunResult) -> str:
+def silent_devices_text(result: RunResult) -> str:
     """Return the text on the devices that did not reply, and what was received instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
@@ -204,7 +204,7 @@ def on_the_rig(rig: RigBuses) -> str:
     return "".join(words)
 
 
-def fenced(result: RunResult) -> str:
+def fenced_text(result: RunResult) -> str:
     """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
     if stop is None and result.rig is not None and result.rig.lost:
@@ -223,7 +223,7 @@ def closed_descriptors(rig: RigBuses) -> list[str]:
     ]
 
 
-def unguarded(result: RunResult) -> str:
+def unguarded_text(result: RunResult) -> str:
     """Return how the guardian ended, and how the motors were stopped without it."""
     if result.rig is None:
         return "the guardian is not running"
@@ -238,7 +238,7 @@ def unguarded(result: RunResult) -> str:
     return f"{how}; the control process stopped the motors{unopened}"
 
 
-def suspended(result: RunResult) -> str:
+def suspended_text(result: RunResult) -> str:
     """Return how long the computer or the run was suspended, and the commands of the drives meanwhile."""
     seconds = 0.0 if result.shared is None else time_suspended(result.shared) * 1e-9
     paused = result.shared is not None and was_paused(result.shared)
@@ -304,24 +304,24 @@ TEXTS: dict[str, str | Callable[[Case], str]] = {  # of each status of an Outcom
         "its emulated reply contains NaN or infinity" if case.result.failed_in_plant else "a command is NaN or infinite"
     ),
     "out of limits": "a command is outside the proved interval",
-    "exception": lambda case: raised(case.result.outcome),
-    "no answer": lambda case: unanswered(case.result),
+    "exception": lambda case: exception_text(case.result.outcome),
+    "no answer": lambda case: silent_devices_text(case.result),
     "silent": lambda case: silent(case.result, case.block),
     "device fault": "the device reports a fault",
     "bus error": "the bus can neither send nor receive",
     "overrun": lambda case: overran(case.result),
-    "fenced": lambda case: fenced(case.result),
-    "unguarded": lambda case: unguarded(case.result),
+    "fenced": lambda case: fenced_text(case.result),
+    "unguarded": lambda case: unguarded_text(case.result),
     "foreign command": lambda case: foreign_command(case.block),
-    "rms torque": lambda case: "RMS torque exceeds the rated torque" + seen(case, "rms", "N·m"),
-    "too hot": lambda case: "the temperature exceeds its limit" + seen(case, "temperature", "°C"),
+    "rms torque": lambda case: "RMS torque exceeds the rated torque" + highest_text(case, "rms", "N·m"),
+    "too hot": lambda case: "the temperature exceeds its limit" + highest_text(case, "temperature", "°C"),
     "e-stop": "the emergency stop was pressed",
     "hung": lambda case: hung(case.result.outcome),
     "unclear pose": lambda case: unclear(case.result),
     "two devices": lambda case: two_devices(case.block),
     "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise loop_timeout, "
     "or move what takes long to another thread",
-    "suspended": lambda case: suspended(case.result),
+    "suspended": lambda case: suspended_text(case.result),
 }
 
 

@@ -39,7 +39,7 @@ def ticks(result: RunResult, block: Block | None) -> list[str]:
             values.append(result.control.final[schedule.signals[path].slot])
         unit = schedule.signals[path].unit
         table.append([path + (f" in {unit}" if unit not in ("1", "any") else ""), *map(_number, values)])
-    return ["ticks before the fault:", *aligned(table)]
+    return ["ticks before the fault:", *align_columns(table)]
 
 
 def malformed_frames(result: RunResult, block: Any) -> str:
@@ -105,7 +105,7 @@ def actuators(result: RunResult) -> list[str]:
                 state_text(block, outputs, result),
             ]
         )
-    return aligned(table) if len(table) > 1 else []
+    return align_columns(table) if len(table) > 1 else []
 
 
 def _values_text(ports: Mapping[str, Any], values: dict[str, float], suffix: str = "") -> str:
@@ -142,7 +142,7 @@ def _number(value: float) -> str:
     return format(value, ".4g") if math.isfinite(value) else str(float(value))
 
 
-def aligned(table: Sequence[list[str]]) -> list[str]:
+def align_columns(table: Sequence[list[str]]) -> list[str]:
     """Return rows of cells as lines with aligned columns, numbers to the right."""
     widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
     numeric = {

@@ -39,14 +39,14 @@ def table(result: RunResult, stamp: float) -> list[str]:
         f"period; each call includes {short(stamp)} for reading the clock",
         *(f"  {label:<12}{text}" for label, text in details(statistics)),
         "",
-        *_listed(robot, "where"),
+        *_table_lines(robot, "where"),
     ]
     if plant:
-        lines += ["", *_listed(plant, "inside the plant")]
+        lines += ["", *_table_lines(plant, "inside the plant")]
     return lines
 
 
-def _listed(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
+def _table_lines(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
     width = max([len(title), *(len(row["name"]) for row in rows[:TABLE_ROW_LIMIT])])
     full = "█" if "utf" in (getattr(sys.stdout, "encoding", None) or "").lower() else "#"
     longest = max([row["share"] for row in rows], default=1.0)

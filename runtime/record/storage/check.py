@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.record.storage.chunks import NONE, PLACE, Chunk, Messages, gathered
+from runtime.record.storage.chunks import NONE, PLACE, Chunk, Messages, take_records
 from runtime.record.storage.columns import HEADS, TICK, Damaged, Layout
 from runtime.record.storage.mcap_file import CHUNK_HEAD, INDEX, MESSAGE_REST
 
@@ -49,7 +49,7 @@ def inspect(layout: Layout, chunk: Chunk, messages: Messages) -> Inspected:
             del messages.offsets[channel]
     for channel, kind in layout.rows.items():
         offsets = messages.offsets.get(channel, NONE)
-        wrong = gathered(messages.data, offsets, HEADS)["length"] != MESSAGE_REST + kind.itemsize
+        wrong = take_records(messages.data, offsets, HEADS)["length"] != MESSAGE_REST + kind.itemsize
         if wrong.any():
             if wrong[0] and not chunk.headless:
                 raise layout.mismatch()
@@ -63,7 +63,9 @@ def inspect(layout: Layout, chunk: Chunk, messages: Messages) -> Inspected:
         bad += messages.offsets[layout.tick][wrong][:1].tolist() if wrong.any() else []
     limit = int(min(bad)) if bad else None
     messages = messages if limit is None else messages.until(limit)
-    heads = {channel: gathered(messages.data, messages.offsets.get(channel, NONE), HEADS) for channel in layout.rows}
+    heads = {
+        channel: take_records(messages.data, messages.offsets.get(channel, NONE), HEADS) for channel in layout.rows
+    }
     return Inspected(
         limit,
         {channel: len(offsets) for channel, offsets in messages.offsets.items()},

@@ -107,7 +107,7 @@ class Messages(NamedTuple):
         Raises ValueError if a message has another size.
         """
         record = np.dtype([*MESSAGE_HEAD, ("body", kind)])
-        messages = gathered(self.data, self.offsets.get(channel, NONE), record)
+        messages = take_records(self.data, self.offsets.get(channel, NONE), record)
         if np.any(messages["length"] != record.itemsize - HEAD.size):
             raise ValueError("a row of another size")
         return messages
@@ -127,7 +127,7 @@ class Messages(NamedTuple):
 NONE = np.zeros(0, dtype=np.int64)
 
 
-def gathered(data: np.ndarray, offsets: np.ndarray, kind: np.dtype) -> Any:
+def take_records(data: np.ndarray, offsets: np.ndarray, kind: np.dtype) -> Any:
     """Return the structures that begin at offsets of an array of bytes.
 
     kind : their dtype
@@ -188,8 +188,8 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
         raise ValueError("a wrong checksum")
     data = np.frombuffer(plain, dtype=np.uint8)
     places = places_of(indices) if len(indices) else None
-    offsets = None if places is None else indexed(data, places)
-    messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
+    offsets = None if places is None else offsets_of_indices(data, places)
+    messages = Messages(data, offsets, len(data), []) if offsets is not None else walk_messages(plain)
     times = CHUNK_HEAD.unpack_from(raw)[2:4] if raw[0] == A_CHUNK else None
     chunk.is_indexed = not len(indices) or is_index(places, messages, times)
     if not (chunk.headless or messages.end == len(data)):
@@ -219,7 +219,7 @@ def places_of(indices: memoryview) -> dict[int, np.ndarray] | None:
     return found if at == len(indices) else None
 
 
-def indexed(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.ndarray] | None:
+def offsets_of_indices(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.ndarray] | None:
     """Return {channel: offsets} of message indices, or None if they do not describe exactly these records.
 
     data : array of bytes
@@ -229,7 +229,7 @@ def indexed(data: np.ndarray, places: dict[int, np.ndarray]) -> dict[int, np.nda
     if any(np.any(offsets[1:] <= offsets[:-1]) for offsets in offsets_of.values()):
         return None
     try:
-        heads = gathered(data, np.concatenate([NONE, *offsets_of.values()]), BEGIN)
+        heads = take_records(data, np.concatenate([NONE, *offsets_of.values()]), BEGIN)
     except ValueError:
         return None
     channels = np.repeat(np.array([*offsets_of], dtype="<u2"), [len(offsets) for offsets in offsets_of.values()])
@@ -251,12 +251,14 @@ def is_index(places: dict[int, np.ndarray] | None, messages: Messages, times: tu
         return False
     return all(
         np.array_equal(places[channel]["offset"], offsets)
-        and np.array_equal(places[channel]["log_time"], gathered(messages.data, offsets, BEGIN)["log_time"].view("<u8"))
+        and np.array_equal(
+            places[channel]["log_time"], take_records(messages.data, offsets, BEGIN)["log_time"].view("<u8")
+        )
         for channel, offsets in messages.offsets.items()
     )
 
 
-def walked(plain: Any, only_messages: bool = False) -> Messages:
+def walk_messages(plain: Any, only_messages: bool = False) -> Messages:
     """Return the Messages of bytes without an index, up to an incomplete record or one that is not valid in a chunk.
 
     only_messages : whether any other record ends them

@@ -7,7 +7,7 @@ import numpy as np
 from runtime.host.errors import BadInput
 from runtime.record.storage import messages
 from runtime.record.storage.batches import FRAME
-from runtime.record.storage.chunks import MESSAGE_HEAD, NONE, Messages, gathered
+from runtime.record.storage.chunks import MESSAGE_HEAD, NONE, Messages, take_records
 from runtime.record.storage.format import FD_FLAGS, ID_FLAGS
 from runtime.record.storage.json_text import parsed_json
 from runtime.record.storage.mcap_file import HEAD, MESSAGE
@@ -131,7 +131,7 @@ def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tup
 
     Returns (array of FRAME, offset of the message of each, number that orders those of all buses). Raises Damaged.
     """
-    heads = gathered(data, offsets, HEADS)
+    heads = take_records(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     made, fields = decoded(data, offsets, offsets + MESSAGE.size, ends, messages.FRAME_V1)
     made["time"], made["drain"] = heads["log_time"] - began, heads["sequence"]
@@ -141,7 +141,7 @@ def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tup
 
 def frames_of_format_2(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Decode messages with the frames of one bus drain each. Arguments and result as in frames_of_format_1."""
-    heads = gathered(data, offsets, HEADS)
+    heads = take_records(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     at = offsets + MESSAGE.size
     wrong = data.take(at, mode="clip") != DRAINED_TAG

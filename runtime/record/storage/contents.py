@@ -11,7 +11,7 @@ from typing import Any
 
 from runtime.record.storage import messages
 from runtime.record.storage.chunks import PLACE, Chunk
-from runtime.record.storage.correction import corrected
+from runtime.record.storage.correction import correct_byte
 from runtime.record.storage.json_text import parsed_json
 from runtime.record.storage.mcap_file import CHUNK_HEAD, HEAD, INDEX
 from runtime.record.storage.metadata import describes_signals
@@ -96,7 +96,7 @@ class Contents:
 
         Raises ValueError if it is not JSON, and BadInput if it is nested too deep.
         """
-        mended = corrected(body)
+        mended = correct_byte(body)
         attachment = read("Attachment", body if mended is None else mended)
         if mended is None:
             self.broken.append(attachment.name)
@@ -105,7 +105,7 @@ class Contents:
         return attachment.name
 
 
-def summarised(stream: Any, size: int) -> Contents | None:
+def read_summary(stream: Any, size: int) -> Contents | None:
     """Return the Contents of a complete file from its summary; None if the file has no valid one.
 
     stream : file, unbuffered

@@ -5,7 +5,7 @@ import zlib
 CHECKSUM = 4  # bytes
 
 
-def corrected(data: bytes) -> bytes | None:
+def correct_byte(data: bytes) -> bytes | None:
     """Return the bytes of a record with a valid checksum, after the correction of one byte if necessary.
 
     data : bytes whose last four are the CRC-32 of the others, or 0 for none

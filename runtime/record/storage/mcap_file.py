@@ -89,9 +89,9 @@ class McapFile:
 
         self.end_chunk()
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
-        self.attached(attachment, self.file.tell(), self.record(attachment))
+        self.index_attachment(attachment, self.file.tell(), self.record(attachment))
 
-    def attached(self, attachment: Any, offset: int, length: int) -> None:
+    def index_attachment(self, attachment: Any, offset: int, length: int) -> None:
         """Add an attachment to the summary. offset, length : offset and length of the record in the file, in bytes"""
         from mcap.records import AttachmentIndex
 

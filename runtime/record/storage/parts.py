@@ -213,7 +213,7 @@ class Recording:
                 return begin + row
         return starts[-1]
 
-    def adjusted(self, number: int, frames: Any) -> Any:
+    def adjust_frames(self, number: int, frames: Any) -> Any:
         """Return frames of a part with the numbers of all parts, without those that do not count."""
         starts = self.starts(number)
         frames = frames.copy()
@@ -238,7 +238,7 @@ class Recording:
     def frames_of(self, number: int) -> Iterator[Any]:
         """Yield the frames of the chunks of a part."""
         for frames in self.readers[number].frames():
-            yield self.adjusted(number, frames)
+            yield self.adjust_frames(number, frames)
 
     def last_frames(self, count: int) -> Iterator[Any]:
         """Yield the frames of the first `count` parts by chunks, from the last to the first."""
@@ -246,7 +246,7 @@ class Recording:
             reader = self.readers[number]
             for chunk in reversed(reader.with_messages(reader.layout.buses)):
                 for frames in reader.frames([chunk]):
-                    yield self.adjusted(number, frames)
+                    yield self.adjust_frames(number, frames)
 
     def seam(self, number: int, second: Reader) -> Seam:
         """Return the Seam of a part.
@@ -294,7 +294,7 @@ class Recording:
         starts, pending, done = self.starts(), NO_FRAMES, 0
         for number, reader in enumerate(self.readers):
             for rows, part in reader.stream(frames):
-                pending = np.concatenate((pending, self.adjusted(number, part))) if frames else part
+                pending = np.concatenate((pending, self.adjust_frames(number, part))) if frames else part
                 rows = rows[: max(0, starts[number + 1] - done)]
                 if len(rows):
                     done += len(rows)

@@ -25,8 +25,8 @@ from runtime.record.storage.batches import NO_FRAMES, Rows
 from runtime.record.storage.check import Check, Inspected, inspect
 from runtime.record.storage.chunks import MESSAGE_HEAD, Chunk, ExpansionLimit, Messages, TooLarge, load
 from runtime.record.storage.columns import Layout
-from runtime.record.storage.contents import Contents, summarised
-from runtime.record.storage.correction import corrected
+from runtime.record.storage.contents import Contents, read_summary
+from runtime.record.storage.correction import correct_byte
 from runtime.record.storage.mcap_file import HEAD
 from runtime.record.storage.metadata import validate
 from runtime.record.storage.records import DAMAGE, LIBRARY, MAGIC, read
@@ -76,7 +76,7 @@ class Reader:
         try:
             with open(path, "rb", buffering=0) as stream:
                 self.size = os.fstat(stream.fileno()).st_size
-                contents = summarised(stream, self.size) or Scan(stream, self.size, progress).contents
+                contents = read_summary(stream, self.size) or Scan(stream, self.size, progress).contents
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
@@ -106,11 +106,11 @@ class Reader:
         if "contents" in self.__dict__:
             return
         contents, check = self.found, Check(self.layout)
-        chunks, others, refused = admitted(contents.chunks, self.size)
+        chunks, others, refused = admit_chunks(contents.chunks, self.size)
         gaps = sorted([*contents.gaps, *others])
         with open(self.path, "rb", buffering=0) as stream:
             found = read_ahead.ahead(
-                lambda chunk: self.inspected(stream.fileno(), chunk), chunks, lambda chunk: chunk.size
+                lambda chunk: self.inspect_chunk(stream.fileno(), chunk), chunks, lambda chunk: chunk.size
             )
             for number, (chunk, content) in enumerate(zip(chunks, found)):
                 progress(number / len(chunks))
@@ -143,7 +143,7 @@ class Reader:
         contents.finished = not contents.trouble
         self.contents = contents
 
-    def inspected(self, descriptor: int, chunk: Chunk) -> Inspected | None:
+    def inspect_chunk(self, descriptor: int, chunk: Chunk) -> Inspected | None:
         """Read a chunk and check its messages. Returns None for a damaged one. Errors as in `check`"""
         try:
             return inspect(self.layout, chunk, load(descriptor, chunk))
@@ -200,7 +200,7 @@ class Reader:
         """
         chunks = self.contents.chunks
 
-        def checked(number: int) -> Result:
+        def check_chunk(number: int) -> Result:
             messages = load(stream.fileno(), chunks[number])
             offsets, counts = messages.offsets, chunks[number].counts
             if any(len(offsets.get(channel, ())) != count for channel, count in counts.items()):
@@ -209,7 +209,7 @@ class Reader:
 
         with open(self.path, "rb", buffering=0) as stream:
             try:
-                yield from read_ahead.ahead(checked, numbers, lambda number: growth * chunks[number].size)
+                yield from read_ahead.ahead(check_chunk, numbers, lambda number: growth * chunks[number].size)
             except (OSError, BadInput):
                 raise
             except DAMAGE:
@@ -219,7 +219,7 @@ class Reader:
         """Yield attachments as records of the mcap package. places : as in Contents"""
         with open(self.path, "rb", buffering=0) as stream:
             for at, size in places:
-                body = corrected(os.pread(stream.fileno(), size, at)[HEAD.size :])
+                body = correct_byte(os.pread(stream.fileno(), size, at)[HEAD.size :])
                 if body is not None:
                     yield read("Attachment", body)
 
@@ -276,7 +276,7 @@ class Reader:
         samples = list(self.ahead(fill, numbers))
         for channel, targets in partial.items() if len(rows.tick) else ():
             for records in (records_of[channel] for records_of in samples):
-                at, bodies = placed(records, rows.tick)
+                at, bodies = place_records(records, rows.tick)
                 for target, name in targets:
                     target[at] = bodies[name]
         return rows
@@ -322,7 +322,7 @@ class Reader:
             if channel in layout.complete:
                 places, bodies = slice(None), records["body"][:count]
             else:
-                places, bodies = placed(records, rows[:, 0].astype(np.int64))
+                places, bodies = place_records(records, rows[:, 0].astype(np.int64))
             messages[channel] = records[len(bodies) :]
             if channel == layout.tick:
                 rows[:, 0], rows[:, 1] = bodies["tick"], bodies["lateness"]
@@ -361,7 +361,7 @@ class Reader:
         return low
 
 
-def admitted(chunks: list[Chunk], size: int) -> tuple[list[Chunk], list[tuple[int, int]], str]:
+def admit_chunks(chunks: list[Chunk], size: int) -> tuple[list[Chunk], list[tuple[int, int]], str]:
     """Return (chunks that are read, places of the others, why not the first of these as the end of a sentence).
 
     A wrong byte can make a chunk declare any size.
@@ -380,7 +380,7 @@ def admitted(chunks: list[Chunk], size: int) -> tuple[list[Chunk], list[tuple[in
     return read, others, reasons[0] if reasons else ""
 
 
-def placed(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:
+def place_records(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:
     """Return (rows, contents) of those message records that belong to rows.
 
     records : their `sequence` has the low 32 bits of a tick

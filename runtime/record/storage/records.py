@@ -53,7 +53,7 @@ def length_of(window: bytes, place: int) -> int:
     kind, length = HEAD.unpack_from(window, place)
     if kind == STREAM:
         return CHUNK_HEADS["zstd"].size
-    plain = kind == A_CHUNK and not compressed(window[place : place + CHUNK_HEAD.size])
+    plain = kind == A_CHUNK and not is_compressed_chunk(window[place : place + CHUNK_HEAD.size])
     return CHUNK_HEAD.size if plain else HEAD.size + length
 
 
@@ -77,6 +77,6 @@ def is_compressed(head: bytes, name: str) -> bool:
     return head[COMPRESSION_AT:].startswith(len(name).to_bytes(4, "little") + name.encode())
 
 
-def compressed(head: bytes) -> bool:
+def is_compressed_chunk(head: bytes) -> bool:
     """Return whether a chunk is compressed. head : the first 49 bytes of its record"""
     return is_compressed(head, "lz4") or is_compressed(head, "zstd")

@@ -143,7 +143,7 @@ class Repair:
             writer.channels.append(channel)
             writer.counts[channel.id] = 0
         elif kind == ATTACHMENT:
-            writer.attached(read("Attachment", body), at, len(data))
+            writer.index_attachment(read("Attachment", body), at, len(data))
         else:
             self.over = kind == DATA_END
             return None
@@ -328,7 +328,7 @@ class Backlog:
     def look(self) -> bool:
         """Scan the next slice, which takes up to 20 ms. Returns whether more follows."""
         if self.waiting:
-            with self.reported(self.waiting[0]):
+            with self.report_failure(self.waiting[0]):
                 if self.scan(self.waiting[0]):
                     return True
             del self.waiting[0]
@@ -347,12 +347,12 @@ class Backlog:
         while self.look():
             pass
         for repair in self.repairs:
-            with self.reported(repair.path):
+            with self.report_failure(repair.path):
                 repair.finish()
         return [*self.problems.values()]
 
     @contextmanager
-    def reported(self, path: str) -> Iterator[None]:
+    def report_failure(self, path: str) -> Iterator[None]:
         """Keep a failure as the problem of a file."""
         try:
             yield

@@ -11,7 +11,16 @@ from collections.abc import Callable
 from typing import Any
 
 from runtime.host.errors import BadInput
-from runtime.record.storage.chunks import CHUNK_LIMIT, ROOMS, Chunk, ExpansionLimit, Messages, head_of, load, walked
+from runtime.record.storage.chunks import (
+    CHUNK_LIMIT,
+    ROOMS,
+    Chunk,
+    ExpansionLimit,
+    Messages,
+    head_of,
+    load,
+    walk_messages,
+)
 from runtime.record.storage.chunks import STREAM as STREAM_OF_ZSTD
 from runtime.record.storage.contents import OWN_HEADER, Contents, summary_in, unprotected_damages
 from runtime.record.storage.json_text import DEPTH_LIMIT, TooDeep
@@ -173,13 +182,13 @@ class Scan:
         end = at + HEAD.size + length
         self.is_unfinished = False
         if kind == ROOM and length == CHUNK_HEAD.size - HEAD.size:
-            return self.unchunked(at, at + CHUNK_HEAD.size)
+            return self.take_loose_messages(at, at + CHUNK_HEAD.size)
         if kind == STREAM:
             return self.stream(at)
         if kind == A_CHUNK:
             return self.chunk(at, end)
         if kind == A_MESSAGE and end <= self.size:
-            return self.unchunked(at, at)
+            return self.take_loose_messages(at, at)
         if end > self.size or not self.is_expected(kind, at, end):
             return None
         self.is_over |= kind == DATA_END
@@ -241,7 +250,7 @@ class Scan:
         head, compression, expanded, _, stored = head_of(self.bytes_at(at, HEAD_LIMIT))
         if end > self.size:
             if not compression:
-                return self.unchunked(at, at + CHUNK_HEAD.size)
+                return self.take_loose_messages(at, at + CHUNK_HEAD.size)
             return self.stream(at) if compression == ZSTD else None
         counts, after = self.indices(end)
         following = self.bytes_at(after, HEAD.size)
@@ -263,19 +272,19 @@ class Scan:
         if is_padding(frame[ends[-1][0] :]):  # zeros after a power cut, which may begin inside the last block
             content, ends, ended = decode(frame.rstrip(b"\0"), limit)
         self.expansion.left -= len(content)
-        used, checksum = self.verified(head, content)
+        used, checksum = self.verified_part(head, content)
         ended &= used == len(content)
         end = begin + max(place for place, length in ends if length <= used)
         counts, after = self.indices(end) if ended else ({}, end)
         self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
         if used:
             chunk = Chunk(at, begin, end - begin, STREAM_OF_ZSTD, used, after, counts, True, checksum)
-            self.add(chunk, walked(content[:used]))
+            self.add(chunk, walk_messages(content[:used]))
         if not ended:
             self.good = end if used else at
         return after if ended else None
 
-    def verified(self, head: bytes, content: Any) -> tuple[int, int | None]:
+    def verified_part(self, head: bytes, content: Any) -> tuple[int, int | None]:
         """Return (bytes that are used, their checksum) of the messages of a chunk that was not completed.
 
         The checksum is None for a file of an earlier version, and one that was cut within the messages of the last
@@ -297,7 +306,7 @@ class Scan:
         self.is_damaged = True
         return right[0] if right else (0, None)
 
-    def unchunked(self, at: int, begin: int) -> int | None:
+    def take_loose_messages(self, at: int, begin: int) -> int | None:
         """Take messages that are not in a chunk, or in one that the end of the file cuts. Returns as `record`.
 
         at : of their chunk, if any
@@ -307,14 +316,14 @@ class Scan:
         head = self.bytes_at(at, begin - at)
         while True:
             raw = self.bytes_at(begin, window)
-            messages = walked(raw, only_messages=True)
+            messages = walk_messages(raw, only_messages=True)
             torn = len(raw) - messages.end < MESSAGE.size or raw[messages.end] == A_MESSAGE
             if not torn or len(raw) < window or window > limit:
                 break
             window *= 4
         if len(raw) < window and is_padding(raw[messages.end :]):  # it may begin inside the last message
-            messages = walked(raw.rstrip(b"\0"), only_messages=True)
-        used, checksum = self.verified(head, raw[: messages.end])
+            messages = walk_messages(raw.rstrip(b"\0"), only_messages=True)
+        used, checksum = self.verified_part(head, raw[: messages.end])
         end = begin + used
         if not used:
             return begin if begin > at and not messages.end and not self.is_damaged else None

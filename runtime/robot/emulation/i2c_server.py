@@ -134,7 +134,7 @@ class I2cServer(SocketServer):
                 self.open_masks[address] = data[-1]
             return bytes((self.open_masks[address],)) if reads else b""
         for chip in self.chips.values():
-            if address in chip.addresses and self.reached(chip.device.place):
+            if address in chip.addresses and self.is_connected(chip.device.place):
                 if register < 0:
                     return bytes(count) if reads else b""
                 if reads:
@@ -143,7 +143,7 @@ class I2cServer(SocketServer):
                 return b""
         return None
 
-    def reached(self, place: int) -> bool:
+    def is_connected(self, place: int) -> bool:
         """Return whether a bus segment is connected: the bus itself, or an open channel of a multiplexer."""
         mux, channel = divmod(place - 1, CHANNELS)
         return place == 0 or bool(self.open_masks[MUX + mux] >> channel & 1)

@@ -346,11 +346,13 @@ def family(console: Console, name: str, usage: str, models: Mapping[str, Any]) -
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():
-        values = [*(_known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))]
-        values.append(_known(model.torque_constant, ".3g"))
+        values = [
+            *(_number_text(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))
+        ]
+        values.append(_number_text(model.torque_constant, ".3g"))
         lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10}" for value in values))
     return lines
 
 
-def _known(value: float | None, spec: str = "g") -> str:
+def _number_text(value: float | None, spec: str = "g") -> str:
     return "-" if value is None else format(value, spec)

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import CodeType, ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cext.user_text import TEXT_LIMIT, bounded, repr_of
+from cext.user_text import TEXT_LIMIT, bound_text, repr_of
 from graph import Diagram, DiagramError, compile
 from graph.diagram import no_block_outside
 from graph.sha256 import sha256
@@ -336,5 +336,5 @@ def words(error: BaseException, limit: float = TEXT_LIMIT) -> str:
             else str(error)
         )
 
-    message = bounded(text, limit)
+    message = bound_text(text, limit)
     return type(error).__name__ + (f": {message}" if message else "")

@@ -260,7 +260,7 @@ class RigBuses:
     def leave_sensors(self) -> None:
         """Close everything but the CAN buses: while a stop continues, another run may open it."""
         if self.report is None and not self.left:
-            self.lost = self.descriptors.lost()
+            self.lost = self.descriptors.replaced_purposes()
         for name, bus in self.buses.items():
             if self.media[name] != "can" or bus.interface.bus.interface == UDP:
                 self.left[name] = self._count(bus)
@@ -271,7 +271,7 @@ class RigBuses:
     def take_over(self, lasts: float, ended: Callable[[], bool]) -> StopReport:
         """Stop the actuators without the guardian. Arguments as in GuardianProcess.take_over. Returns its report."""
         assert self.guardian is not None
-        self.lost = self.descriptors.lost()
+        self.lost = self.descriptors.replaced_purposes()
         died, problems, stop = self.guardian.take_over(lasts, ended, self.leave_sensors)
         self.report = {"stop": None, "troubles": problems, "died": died, "taken_over": stop}
         return stop
@@ -296,7 +296,7 @@ class RigBuses:
     def finish(self) -> dict[str, dict[str, Any]]:
         """Close the interfaces and return {bus: its counts, state and foreign IDs} as plain data."""
         if self.report is None and not self.left:
-            self.lost = self.descriptors.lost()
+            self.lost = self.descriptors.replaced_purposes()
         if self.guardian is not None and self.report is None:
             self.report = self.guardian.finish()
         self.after = {name: self.left.get(name) or self._count(bus) for name, bus in self.buses.items()}

@@ -14,7 +14,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from runtime.robot.rig.errors import Refused, RigProblem
-from runtime.robot.rig.interface_checks import absent, look, refused, take_up
+from runtime.robot.rig.interface_checks import absent, look, refusal, take_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,7 +93,7 @@ class Interface:
         if error.errno in (errno.ENODEV, errno.ENXIO):
             return absent(self.bus, machine)
         if error.errno == errno.ENETDOWN:
-            return refused(self.bus, "TW114", f"{name} is down", take_up(self.bus, self.virtual)).problem
+            return refusal(self.bus, "TW114", f"{name} is down", take_up(self.bus, self.virtual)).problem
         return _other_problem(self.bus, error)
 
 

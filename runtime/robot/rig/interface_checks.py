@@ -43,13 +43,13 @@ def look(bus: RigBus, machine: Machine) -> Fitness:
     if not machine.exists(folder):
         raise Refused(absent(bus, machine))
     if machine.read(f"{folder}/type") != ARPHRD_CAN:
-        raise refused(bus, "TW113", f"{name} is not a CAN interface", _interfaces_text(bus, machine))
+        raise refusal(bus, "TW113", f"{name} is not a CAN interface", _interfaces_text(bus, machine))
     about = link(name, machine)
     virtual = about.get("info_kind", _name_family(name)) in VIRTUAL
     if not int(machine.read(f"{folder}/flags") or "1", 16) & UP:
-        raise refused(bus, "TW114", f"{name} is down", take_up(bus, virtual))
+        raise refusal(bus, "TW114", f"{name} is down", take_up(bus, virtual))
     if bus.fd and int(machine.read(f"{folder}/mtu") or FD_MTU) < FD_MTU:
-        raise refused(bus, "TW117", f"{name} does not carry CAN FD", _fd_commands(bus, virtual))
+        raise refusal(bus, "TW117", f"{name} does not carry CAN FD", _fd_commands(bus, virtual))
     return Fitness(virtual, [] if virtual else list(_controller(bus, about.get("info_data") or {})))
 
 
@@ -67,18 +67,18 @@ def _controller(bus, data):
     name, state = bus.channel, data.get("state")
     bitrate = (data.get("bittiming") or {}).get("bitrate")
     if bitrate is not None and bitrate != bus.bitrate:
-        raise refused(
+        raise refusal(
             bus, "TW115", f"{name} runs at {bitrate} bit/s, but the rig file specifies {bus.bitrate}", again(bus)
         )
     if state == "BUS-OFF":
-        raise refused(bus, "TW116", f"{name} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
+        raise refusal(bus, "TW116", f"{name} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
     if bitrate is None:
         yield f"{name}: its bitrate is unknown; see: ip -details link show {name}"
     if state in ("ERROR-WARNING", "ERROR-PASSIVE"):
         yield f"{name} is {state}: frames were lost or not acknowledged; {WIRING}"
 
 
-def refused(bus: RigBus, code: str, message: str, hint: str) -> Refused:
+def refusal(bus: RigBus, code: str, message: str, hint: str) -> Refused:
     """Return the Refused of a bus. code : key of CODES"""
     return Refused(RigProblem(code, f"[bus.{bus.name}] {message}", hint))
 

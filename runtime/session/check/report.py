@@ -116,7 +116,7 @@ def check(
     except BadInput as error:
         if not error.diagnostics:
             raise
-        return refused(Path(path), error.diagnostics)
+        return report_of_refusal(Path(path), error.diagnostics)
     if rig_file is not None:
         require_ranges(rig_file, diagram)
         require_supply(rig_file.battery, diagram, rig_file.path)
@@ -165,7 +165,7 @@ def check(
     }
 
 
-def refused(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
+def report_of_refusal(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
     """Return the report of a file whose diagram could not be built, with the same keys as that of `check`."""
     empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "caveats", "buses", "warnings")}
     return empty | {

@@ -141,7 +141,7 @@ def _schedule(report: Mapping[str, Any], console: Console) -> list[str]:
         if phase == "output" and plan["devices"]:
             lines += console.hang("  command  ", ", ".join(plan["devices"]))
     lines.append(f"  record   {count(plan['recorded'], 'number')} per tick")
-    lines += fused(steps, console)
+    lines += fused_lines(steps, console)
     if plan["allowance"]:
         lines += console.hang(
             "  watchdog ", f"allows a tick {plan['allowance'] * 1e3:g} ms beyond its limit, as its blocks declare"
@@ -149,7 +149,7 @@ def _schedule(report: Mapping[str, Any], console: Console) -> list[str]:
     return [line.rstrip() for line in lines]
 
 
-def fused(steps: list[Mapping[str, Any]], console: Console) -> list[str]:
+def fused_lines(steps: list[Mapping[str, Any]], console: Console) -> list[str]:
     """Return the lines on the native steps in machine code, and why the others are called one by one."""
     native = [step for step in steps if step["native"]]
     if not native:

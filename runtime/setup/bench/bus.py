@@ -93,7 +93,7 @@ def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[f
         bus = node(group)
         stack.callback(bus.shutdown)
         for _ in range(chunks):
-            direct += [_trip(lambda: send(bus), lambda: _answered(bus)) for _ in range(trips)]
+            direct += [_trip(lambda: send(bus), lambda: _await_answer(bus)) for _ in range(trips)]
             while line.receive():  # the guardian carried those frames as well
                 pass
             carried += [
@@ -120,7 +120,7 @@ def send(bus: BusABC) -> None:
     bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
 
 
-def _answered(bus: BusABC) -> bool:
+def _await_answer(bus: BusABC) -> bool:
     message = bus.recv(0)
     return message is not None and message.data[0] == ID
 

@@ -25,7 +25,7 @@ from blocks.sources import Sine
 from cext.clock.histogram import counts_of
 from graph import Block, Diagram, Input, Output, compile
 from runtime.host.console.progress import rounds
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.host.system import end_with_parent
 from runtime.robot.loading.simulation import Simulation
 from runtime.session.prepare import Prepared
@@ -124,7 +124,7 @@ def chunk(rate: float, seconds: float, realtime: str, folder: str, python_blocks
     result = Session(
         Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate))
     ).carry_out()
-    uninterrupted(result.outcome)
+    raise_if_ended_by_signal(result.outcome)
     statistics, shared = result.statistics, result.shared
     assert shared is not None
     return Samples(shared.counts("lateness"), shared.counts("period"), statistics["ticks"], statistics["missed"])

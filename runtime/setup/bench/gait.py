@@ -151,7 +151,7 @@ def build(walk: Walk, rate: float) -> tuple[Diagram, dict[str, tuple[str, str]]]
             block(**inputs)
             paths[title] = (strikes, f"{block.path}.phase")
 
-        def moved(segment, detector):
+        def signals_of(segment, detector):
             return {"angle": leg[segment], "velocity": leg[f"{segment}_velocity"], "strike": detectors[detector].strike}
 
         for name, events in detectors.items():
@@ -160,14 +160,14 @@ def build(walk: Walk, rate: float) -> tuple[Diagram, dict[str, tuple[str, str]]]
         if "knee" in leg:
             add("knee: GaitPhase", GaitPhase(name="gait_phase"), angle=leg["knee"], velocity=leg["knee_velocity"])
         for name in ("thigh", "contact") if "thigh" in leg else ():
-            thigh, other = moved("thigh", name), "" if name == "thigh" else " + contact"
+            thigh, other = signals_of("thigh", name), "" if name == "thigh" else " + contact"
             add(f"thigh{other}: portrait", PhasePortrait(name=f"{name}_portrait"), **thigh)
             oscillator = AdaptiveOscillator(name=f"{name}_oscillator")
             add(f"thigh{other}: oscillator", oscillator, angle=thigh["angle"], strike=thigh["strike"])
             add(f"thigh{other}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **thigh)
         for name, detector in (("shank", "shank gyro"), ("knee", "knee")):
             if name in leg:
-                add(f"{name}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **moved(name, detector))
+                add(f"{name}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **signals_of(name, detector))
     return diagram, paths
 
 

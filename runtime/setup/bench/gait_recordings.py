@@ -58,7 +58,7 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
             name = next((name for name in choices if name in columns and np.isfinite(columns[name]).any()), None)
             if name is not None:
                 factor = math.radians(1.0) if kind != "contact" and units.get(name) == "deg" else 1.0
-                signals[kind] = factor * filled(columns[name], time)
+                signals[kind] = factor * fill_gaps(columns[name], time)
         contact = signals.pop("contact", None)
         if contact is not None and signals:
             loaded = contact > CONTACT_LOAD * max(float(np.nanmax(contact)), 1e-9)
@@ -71,7 +71,7 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
     return found
 
 
-def filled(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+def fill_gaps(values: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return values with missing samples interpolated. time : s"""
     valid = np.isfinite(values)
     return np.interp(time, time[valid], values[valid])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.host.console.stderr import STDOUT, Terminal
 from runtime.host.console.terminal import print_lines
-from runtime.host.ending import Interrupted, handled
+from runtime.host.ending import Interrupted, forget_interrupt
 from runtime.host.errors import BadInput
 from runtime.record.recorder.services.csv import CsvWriter
 from runtime.record.recorder.services.plotjuggler import PlotJugglerSender
@@ -211,7 +211,7 @@ def stream(
                 shown = show(now, f"{now:8.1f} s  no reply for {clock() - answered:.0f} s", screen)
             tick += 1
     except Interrupted:
-        handled()
+        forget_interrupt()
     finally:
         for sink in sinks:
             closing = sink.close()

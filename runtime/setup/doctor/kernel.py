@@ -48,7 +48,7 @@ def dynamic_model(machine: Machine) -> str:
     if match:
         return match[1]
     models = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT": "full", "PREEMPT_LAZY": "lazy"}
-    return next((model for option, model in models.items() if machine.configured(option) == "y"), "")
+    return next((model for option, model in models.items() if machine.kernel_option(option) == "y"), "")
 
 
 def patient(machine: Machine) -> str:

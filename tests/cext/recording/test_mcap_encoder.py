@@ -7,7 +7,7 @@ from cext.memory.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 from cext.recording.mcap_encoder import Encoder
 from cext.recording.ring_batch import Batch
 from runtime.record.storage import messages
-from runtime.record.storage.chunks import walked
+from runtime.record.storage.chunks import walk_messages
 from runtime.record.storage.columns import Layout
 from runtime.record.storage.format import Frame, row_struct
 from runtime.record.storage.mcap_file import MESSAGE, MESSAGE_REST
@@ -135,7 +135,7 @@ def test_frames_of_two_buses_keep_their_order_across_a_flush_within_a_drain():
         native.encode(Batch(group), 0, len(data), 1 << 20, 0, 0)
         native.end_group(len(data))  # a flush
         data += native.take()[0]
-    frames = Layout("trial.mcap", about, topics).frames(walked(data), 0, 0)
+    frames = Layout("trial.mcap", about, topics).frames(walk_messages(data), 0, 0)
     assert list(frames["id"]) == [0, 1, 2, 3, 4, 5]
 
 

@@ -11,7 +11,7 @@ import time
 import psutil
 import pytest
 
-from runtime.host.ending import ENDING_SIGNALS, Interrupted, uninterrupted
+from runtime.host.ending import ENDING_SIGNALS, Interrupted, raise_if_ended_by_signal
 from tests.runtime.runs import ROOT, descendant, environment, finished, knee, started, write
 from tests.runtime.terminals import patient
 
@@ -211,10 +211,10 @@ def test_a_signal_while_the_recorder_opens_its_files_leaves_none(tmp_path, numbe
 
 def test_an_outcome_that_a_signal_has_ended_is_an_interrupt_with_its_number():
     outcome = type("Outcome", (), {"signal": 0})()
-    assert uninterrupted(outcome) is outcome
+    assert raise_if_ended_by_signal(outcome) is outcome
     outcome.signal = signal.SIGTERM
     with pytest.raises(Interrupted) as interrupted:
-        uninterrupted(outcome)
+        raise_if_ended_by_signal(outcome)
     assert interrupted.value.number == signal.SIGTERM and not isinstance(interrupted.value, Exception)
 
 

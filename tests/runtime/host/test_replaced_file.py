@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from runtime.host.errors import BadInput
-from runtime.host.replaced_file import replaced, write
+from runtime.host.replaced_file import replacement, write
 from runtime.setup.laboratory import create
 from tests.runtime.runs import ROOT, environment
 
@@ -20,8 +20,8 @@ def test_kill_9_in_the_middle_leaves_the_old_file(tmp_path):
     path = tmp_path / "robot.svg"
     path.write_text("old")
     code = (
-        "import os, signal\nfrom runtime.host.replaced_file import replaced\n"
-        f"with replaced({str(path)!r}) as file:\n"
+        "import os, signal\nfrom runtime.host.replaced_file import replacement\n"
+        f"with replacement({str(path)!r}) as file:\n"
         "    file.write(b'new' * 100_000); file.flush(); os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment())
@@ -45,7 +45,7 @@ def test_full_disk_leaves_the_old_file_and_nothing_else(tmp_path):
 
 def test_an_exception_leaves_the_old_file(tmp_path):
     write(tmp_path / "a", "old")
-    with pytest.raises(ZeroDivisionError), replaced(tmp_path / "a") as file:
+    with pytest.raises(ZeroDivisionError), replacement(tmp_path / "a") as file:
         file.write(b"new")
         raise ZeroDivisionError
     assert (tmp_path / "a").read_text() == "old" and os.listdir(tmp_path) == ["a"]

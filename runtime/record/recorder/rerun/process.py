@@ -140,7 +140,7 @@ class Feed:
         from runtime.record.recorder.rerun.blueprint import blueprint
         from runtime.record.recorder.rerun.scene import Scene
         from runtime.record.recorder.rerun.stream import Stream
-        from runtime.record.recorder.rerun.target import bracketed, url
+        from runtime.record.recorder.rerun.target import host_in_url, url
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
         self.path, self.count, self.notice = plan["path"], 0, ""
@@ -159,7 +159,7 @@ class Feed:
                 there = viewer.reached_at(place)
                 self.notice = (
                     "Rerun in a browser: "
-                    f"http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
+                    f"http://{host_in_url(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
                 )
             else:
                 host = place

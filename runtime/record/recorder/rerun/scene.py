@@ -140,7 +140,7 @@ class Scene:
                 plot.shown = [number < LINE_LIMIT for number in range(len(plot.columns))]
             plot.order()
             plot.paint()
-        return sorted(plots.values(), key=lambda plot: not driven(plot))
+        return sorted(plots.values(), key=lambda plot: not is_driven(plot))
 
     def limb_of(self, sensor: Sensor) -> Limb | None:
         """Return the limb of a sensor; None if unknown."""
@@ -175,6 +175,6 @@ class Scene:
         return sensors
 
 
-def driven(plot: Plot) -> bool:
+def is_driven(plot: Plot) -> bool:
     """Return whether a plot shows an actuator; these plots come first."""
     return any(label.partition(" [")[0].endswith(".torque") for label, shown in zip(plot.labels, plot.shown) if shown)

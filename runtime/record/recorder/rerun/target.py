@@ -48,11 +48,11 @@ def parse(text: str, port: int = PORT) -> Target:
     return Target("connect", found[1].strip("[]"), int(found[2] or port))
 
 
-def bracketed(host: str) -> str:
+def host_in_url(host: str) -> str:
     """Return a host as written in a URL."""
     return f"[{host}]" if ":" in host else host
 
 
 def url(host: str, port: int) -> str:
     """Return the URL of a viewer's data port."""
-    return f"rerun+http://{bracketed(host)}:{port}/proxy"
+    return f"rerun+http://{host_in_url(host)}:{port}/proxy"

@@ -11,7 +11,7 @@ import time
 
 from runtime.host.ending import ENDING_SIGNALS
 from runtime.host.system import end_with_parent
-from runtime.record.recorder.rerun.target import LOOPBACK, bracketed
+from runtime.record.recorder.rerun.target import LOOPBACK, host_in_url
 
 START_TIMEOUT = 15.0  # s
 POLL_PERIOD = 0.02  # s
@@ -154,7 +154,7 @@ def origins(address: str, web_port: int) -> list[str]:
     """Return the origins from which a browser may load the page: all names of this machine besides loopback."""
     name = socket.gethostname()
     return [
-        f"http://{bracketed(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))
+        f"http://{host_in_url(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))
     ]
 
 

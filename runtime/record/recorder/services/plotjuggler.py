@@ -40,7 +40,7 @@ class PlotJugglerSender(Service):
         addresses.sort(key=lambda entry: entry[0] != socket.AF_INET)  # PlotJuggler listens on IPv4, also for localhost
         *self.kind, _, self.address = addresses[0]
         self.again, self.cut = 0.0, 0
-        self.socket = self.connected()
+        self.socket = self.open_socket()
         places = select(self.sink["columns"], parameters.get("signals", ""))
         self.messages = [Message([self.sink["columns"][place] for place in places], places)]
         self.began = 0.0 if parameters.get("time") == "relative" else None  # s since 1970 at tick 0
@@ -75,9 +75,9 @@ class PlotJugglerSender(Service):
     def reopen(self) -> None:
         """Open a new socket with the present address of this machine."""
         self.socket.close()
-        self.socket = self.connected()
+        self.socket = self.open_socket()
 
-    def connected(self) -> socket.socket:
+    def open_socket(self) -> socket.socket:
         """Return a new socket to the address of PlotJuggler."""
         made = socket.socket(*self.kind)
         made.setblocking(False)

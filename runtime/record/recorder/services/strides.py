@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runtime.host.replaced_file import replaced
+from runtime.host.replaced_file import replacement
 from runtime.record.analysis.average_stride import INPUTS, AverageStride
 from runtime.record.recorder.service import Service
 from runtime.record.storage.files import create
@@ -70,7 +70,7 @@ class StrideAverage(Service):
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
         try:
             os.close(descriptor)
-            with replaced(path) as file:
+            with replacement(path) as file:
                 draw(plan["name"], walked, file)
         except BaseException:
             os.unlink(path)

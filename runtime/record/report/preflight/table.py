@@ -91,13 +91,13 @@ class Preflight:
         values : the arena
         """
 
-        def measured(name):
+        def value_of(name):
             place = self.schedule.signals.get(Signal(block, name).path) if name in block.outputs else None
             return None if place is None or place.size != 1 else float(values[place.slot])
 
         heard = block.path not in self.unheard
         sample = {
-            name: measured(name) if heard else None for name in ("age", "position", "velocity", "temperature", "fault")
+            name: value_of(name) if heard else None for name in ("age", "position", "velocity", "temperature", "fault")
         }
         if sample["temperature"] is not None and sample["temperature"] != sample["temperature"]:
             sample["temperature"] = None  # NaN: the replies of this drive carry no temperature
@@ -113,7 +113,7 @@ class Preflight:
             "answered": heard,
             "enabling": enabling_of(block),
             "read_back": read_back_of(block),
-            "taken_out": measured("active") == 0.0,
+            "taken_out": value_of("active") == 0.0,
             **sample,
             "low": span[0],
             "high": span[1],

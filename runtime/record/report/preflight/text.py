@@ -43,7 +43,7 @@ def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
         else [0] * len(heads)
     )
     if console.width is not None and console.width < sum(widths) + 2 * len(widths):  # a terminal would break the words
-        return [line for row, cells in zip(rows, table) for line in _listed(row, heads, cells, console)]
+        return [line for row, cells in zip(rows, table) for line in _detail_lines(row, heads, cells, console)]
     lines = ["  " + console.faint("  ".join(f"{head:<{width}}" for head, width in zip(heads, widths)).rstrip())]
     for row, line in zip(rows, table):
         styled = [
@@ -54,7 +54,7 @@ def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     return lines
 
 
-def _listed(row: dict[str, Any], heads: Sequence[str], cells: Sequence[str], console: Console) -> list[str]:
+def _detail_lines(row: dict[str, Any], heads: Sequence[str], cells: Sequence[str], console: Console) -> list[str]:
     name, *values = (f"{head} {cell}" for head, cell in zip(("", *heads[1:]), cells))
     return [
         *console.hang(f" {name}  ", "; ".join(values), console.error if row["marks"] else str, indent=4),
@@ -66,7 +66,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     def number(key, digits, unit):
         return "-" if row[key] is None else f"{row[key]:.{digits}f} {unit}"
 
-    def marked(key, cell):
+    def mark(key, cell):
         return f"{cell} !" if key in row["marks"] else cell
 
     span = f" in [{row['low']:g}, {row['high']:g}]" if row["low"] is not None else ""
@@ -74,11 +74,11 @@ def _cells(row: dict[str, Any]) -> list[str]:
         row["device"],
         f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}",
         "taken out" if row.get("taken_out") else "yes" if row["answered"] else "not yet",
-        marked("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
-        marked("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
+        mark("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
+        mark("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
         number("velocity", 2, "rad/s"),
-        marked("temperature", number("temperature", 0, "°C")),
-        marked("fault", "-" if row["fault_words"] is None else row["fault_words"] or "none"),
+        mark("temperature", number("temperature", 0, "°C")),
+        mark("fault", "-" if row["fault_words"] is None else row["fault_words"] or "none"),
     ]
 
 

@@ -14,7 +14,7 @@ from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import compile
-from runtime.host.ending import Interrupted, uninterrupted
+from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.setup.bench.rate.robot import UNLIMITED, plant, robot
 from runtime.setup.bench.rate.search import Step
 
@@ -71,7 +71,7 @@ class Simulated:
         executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True, hosted=True)
         # one round of the safe stop: no robot moves, and computing 200 ms of it would delay the end after a signal
         outcome = executor.run(ticks, fade=0.0, arming_timeout=ARMING, stopping_timeout=0.0)
-        return program, uninterrupted(outcome), bus
+        return program, raise_if_ended_by_signal(outcome), bus
 
     def limit(self) -> float:
         """Return the rate in Hz at which the frames of a tick fill the bus, stuff bits included."""
@@ -130,7 +130,7 @@ class OnRig:
         outcome, statistics = result.outcome, result.statistics
         if outcome.stopped:
             raise Interrupted(signal.SIGINT)
-        uninterrupted(outcome)
+        raise_if_ended_by_signal(outcome)
         why = (
             ""
             if outcome.status == "ok"

@@ -16,7 +16,7 @@ from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Device, Diagram, subsystem
-from runtime.host.ending import uninterrupted
+from runtime.host.ending import raise_if_ended_by_signal
 from runtime.host.errors import BadInput
 from runtime.record.storage.format import row_struct
 from runtime.robot.loading.file import compile_diagram
@@ -87,7 +87,7 @@ def sensor_of(diagram: Diagram, path: str | None = None) -> Device:
     return sensors[path]
 
 
-def simulated(file: DiagramFile, diagram: Diagram, sensor: Device, seconds: float) -> Readings:
+def simulate_readings(file: DiagramFile, diagram: Diagram, sensor: Device, seconds: float) -> Readings:
     """Return the Readings of a simulation in virtual time, whose plant turns the sensor. file : DiagramFile"""
     recorder = record(diagram, sensor)
     schedule = compile_diagram(file.path, diagram)
@@ -156,7 +156,7 @@ def read(schedule: Schedule, recorder: Sink, control: Program, seconds: float, *
     frames = FRAME_BYTES * 8 * len(schedule.devices)
     shared = SharedState(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
     try:
-        outcome = uninterrupted(Executor(control, schedule.rate, shared=shared, **how).run(ticks))
+        outcome = raise_if_ended_by_signal(Executor(control, schedule.rate, shared=shared, **how).run(ticks))
         records = [row.unpack(payload) for kind, payload in shared.drain(1 << 30) if kind == RECORD_ROW]
     finally:
         shared.close()

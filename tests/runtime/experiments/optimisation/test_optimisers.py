@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from runtime.experiments.optimisation.optimisers import OPTIMISERS, make_optimiser, restored
+from runtime.experiments.optimisation.optimisers import OPTIMISERS, make_optimiser, restore_optimiser
 from runtime.experiments.optimisation.parameters import Parameter, parse, within_step
 from runtime.host.errors import BadInput
 
@@ -100,11 +100,11 @@ def test_optimiser_continues_from_its_state_with_the_same_proposals(name):
             values = {**values, "profile.peak": 8.0}  # limited by its largest step
         optimiser.tell(values, math.inf if number % 6 == 1 else cost(values))
     state = json.loads(json.dumps(optimiser.state()))
-    again = restored(state)
+    again = restore_optimiser(state)
     assert again.told == optimiser.told and again.state() == state
     rest = [optimiser.ask() for _ in range(5)]
     assert [again.ask() for _ in range(5)] == rest
-    assert restored(again.state()).ask() == rest[0]  # proposals without a cost are made again
+    assert restore_optimiser(again.state()).ask() == rest[0]  # proposals without a cost are made again
 
 
 def test_costs_that_are_no_number_and_values_outside_the_bounds_are_rejected(name):

@@ -10,7 +10,7 @@ import pytest
 from runtime.experiments.optimisation.costs import Cost, Missing, SignalCost, Typed
 from runtime.experiments.optimisation.intervals import of_conditions
 from runtime.experiments.optimisation.metabolic import Estimate
-from runtime.experiments.optimisation.optimisers import Random, restored
+from runtime.experiments.optimisation.optimisers import Random, restore_optimiser
 from runtime.experiments.optimisation.protocol import STAGE_TIME, Settings
 from tests.runtime.experiments.optimisation.wearers import (
     INITIAL,
@@ -263,7 +263,7 @@ def test_cost_that_is_not_finite_is_missing(value):
 
 def test_refused_change_keeps_accepted_parameters():
     experiment = Experiment(evaluations=1)
-    experiment.run(until=lambda: experiment.steps() == ["begin"] and experiment.wearer.reached())
+    experiment.run(until=lambda: experiment.steps() == ["begin"] and experiment.wearer.has_arrived())
     experiment.wearer.rejects = True
     experiment.run(100)
     assert experiment.last("missing")["reason"] == "the run rejected peak: out of bounds"
@@ -331,7 +331,7 @@ def test_interrupted_optimisation_continues_bit_for_bit():
     first = Experiment(cma(4), wearers[1], Exact(wearers[1]), evaluations=14)
     first.run(until=lambda: len(first.optimiser.told) == 8)
     first.run(40)  # in the middle of the ninth evaluation
-    optimiser = restored(json.loads(json.dumps(first.optimiser.state())))
+    optimiser = restore_optimiser(json.loads(json.dumps(first.optimiser.state())))
     second = Experiment(
         optimiser, wearers[2], Exact(wearers[2]), evaluations=14, accepted=first.protocol.accepted
     ).run()
@@ -371,7 +371,7 @@ def test_measurements_of_conditions_are_intervals_of_recording():
 def test_continued_validation_measures_only_missing_trials():
     whole = Experiment(evaluations=1, validations=1, zero=True).run()
     part = Experiment(
-        restored(whole.optimiser.state()),
+        restore_optimiser(whole.optimiser.state()),
         evaluations=1,
         validations=1,
         zero=True,

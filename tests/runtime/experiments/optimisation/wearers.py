@@ -47,7 +47,7 @@ class Wearer(Robot):
         self.applied, self.targets, self.zero = dict(stage), dict(stage), zero
         return stage == values
 
-    def reached(self):
+    def has_arrived(self):
         return self.values == self.applied
 
     def interference(self):

@@ -4,7 +4,7 @@ import pytest
 
 import runtime
 from runtime.experiments.studies import cluster
-from runtime.experiments.studies.description import described
+from runtime.experiments.studies.description import read_study
 from runtime.host.errors import BadInput
 from tests.optional import Library
 
@@ -65,5 +65,5 @@ def test_cluster_with_a_killed_worker_gives_the_same_table(folder):
 def test_a_scheduler_without_workers_is_reported(folder, capsys):
     objectives = {"noise": NOISE}
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="tcp://") as local:
-        cluster.Cluster(described({**STUDY, "objectives": objectives}), local.scheduler_address).close()
+        cluster.Cluster(read_study({**STUDY, "objectives": objectives}), local.scheduler_address).close()
         assert f"the Dask scheduler {local.scheduler_address} has no workers yet" in capsys.readouterr().err

@@ -217,36 +217,38 @@ def test_key_steps_are_round_numbers_and_stop_at_the_bounds():
     stiffness = parameter(0.0, 150.0)
     up = [30.0]
     for _ in range(3):
-        up.append(stiffness.stepped(up[-1], 10))
+        up.append(stiffness.next_step(up[-1], 10))
     assert (
-        up == [30.0, 35.0, 40.0, 45.0] and stiffness.stepped(41.7, 10) == 45.0 and stiffness.stepped(41.7, -10) == 40.0
+        up == [30.0, 35.0, 40.0, 45.0]
+        and stiffness.next_step(41.7, 10) == 45.0
+        and stiffness.next_step(41.7, -10) == 40.0
     )
-    assert stiffness.stepped(30.0, 1) == 30.5 and stiffness.stepped(30.0, -1) == 29.5
+    assert stiffness.next_step(30.0, 1) == 30.5 and stiffness.next_step(30.0, -1) == 29.5
     assert (
-        stiffness.stepped(149.0, 10) == 150.0
-        and stiffness.stepped(150.0, 10) == 150.0
-        and stiffness.stepped(3.0, -10) == 0.0
+        stiffness.next_step(149.0, 10) == 150.0
+        and stiffness.next_step(150.0, 10) == 150.0
+        and stiffness.next_step(3.0, -10) == 0.0
     )
     share = parameter(0.0, 1.0)
     values = [0.0]
     for _ in range(20):
-        values.append(share.stepped(values[-1], 10))
+        values.append(share.next_step(values[-1], 10))
     assert values == [round(0.05 * number, 2) for number in range(21)], "no 0.15000000000000002"
-    assert parameter(-0.3, 0.4).stepped(0.0, -1) == -0.002 and parameter(0.0, 0.0).stepped(0.0, 10) == 0.0
-    assert parameter(0, 12, "int").stepped(3.0, 10) == 4.0 and parameter(0, 100, "int").stepped(50.0, 1) == 51.0
+    assert parameter(-0.3, 0.4).next_step(0.0, -1) == -0.002 and parameter(0.0, 0.0).next_step(0.0, 10) == 0.0
+    assert parameter(0, 12, "int").next_step(3.0, 10) == 4.0 and parameter(0, 100, "int").next_step(50.0, 1) == 51.0
     assert (
-        parameter(False, True, "bool").stepped(0.0, 1) == 1.0
-        and parameter(False, True, "bool").stepped(1.0, -10) == 0.0
+        parameter(False, True, "bool").next_step(0.0, 1) == 1.0
+        and parameter(False, True, "bool").next_step(1.0, -10) == 0.0
     )
     assert [nice(number) for number in (7.5, 0.5, 1e-3, 0.05, 20.0, 1.99)] == [5.0, 0.5, 1e-3, 0.05, 20.0, 1.0]
 
 
 def test_values_are_shown_with_their_unit_and_written_exactly():
     assert (
-        parameter(0.0, 1.0, unit="rad").shown(0.1 + 0.2) == "0.3 rad"
-        and parameter(0.0, 1.0).written(0.1 + 0.2) == "0.30000000000000004"
+        parameter(0.0, 1.0, unit="rad").value_text(0.1 + 0.2) == "0.3 rad"
+        and parameter(0.0, 1.0).setting_text(0.1 + 0.2) == "0.30000000000000004"
     )
-    assert parameter(0, 9, "int").written(3.0) == "3" and parameter(0, 1, "bool").written(1.0) == "true"
+    assert parameter(0, 9, "int").setting_text(3.0) == "3" and parameter(0, 1, "bool").setting_text(1.0) == "true"
 
 
 def test_sequences_of_bytes_are_keys_however_a_terminal_writes_them():

@@ -100,7 +100,7 @@ def test_parts_that_were_not_requested_are_kept(command_line):
 
 
 def test_damaged_file_is_reported_before_the_sensor_is_turned(command_line, monkeypatch):
-    monkeypatch.setattr(measuring, "simulated", lambda *arguments: pytest.fail("measured"))
+    monkeypatch.setattr(measuring, "simulate_readings", lambda *arguments: pytest.fail("measured"))
     write(command_line.folder, "gyroscope\n", "shank.toml")
     said = command_line.refused("calibrate", TABLE, "--out", command_line.folder)
     assert said.startswith("shank.toml: invalid TOML") and said.endswith(
