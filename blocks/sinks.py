@@ -40,6 +40,22 @@ class PlotJuggler(Sink):
         return bool(self.virtual_time) or not virtual
 
 
+class Panel(Sink):
+    """Page in a browser for the operator: state, stop, live parameters, plots.
+
+    The page is for browsers on this computer, or on others if `host` is an address of this computer in their network.
+    A run in virtual time has no page.
+    """
+
+    host = Param("127.0.0.1", "1", "address on which the page is served; 0.0.0.0 for all of this computer")
+    port = Param(0, "1", "TCP port of the page; 0 for the first free one from 8470 on", min=0, max=65535, fixed=True)
+
+    service = "panel"
+
+    def is_active(self, virtual: bool) -> bool:
+        return not virtual
+
+
 class Rerun(Sink):
     """Rerun viewer: one plot per subsystem with its limits, limbs in 3-D, faults as text.
 

@@ -11,7 +11,7 @@ from cext.atomics cimport load_i32_in_order, store_i32_in_order
 from cext.clock.histogram cimport buckets, summary
 from cext.clock.deadline_clock cimport suspended_time
 from cext.fused.locate cimport IN_RUN
-from cext.ring.mailbox cimport BY_KEYS, BY_SET
+from cext.ring.mailbox cimport BY_KEYS, BY_PANEL, BY_SET
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.memory.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
@@ -19,7 +19,7 @@ from cext.ring.sealed_memory import sealed_memory
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
-ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
+ORIGINS = {"set": BY_SET, "keys": BY_KEYS, "panel": BY_PANEL}
 STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
@@ -190,11 +190,12 @@ cdef class SharedState:
 
     @property
     def stopped_by(self) -> str:
-        """Origin of the request to end the run: "keys", or "set" and the ID of its process. "" without one."""
+        """Origin of the request to end the run: "keys", "panel", or "set" and the ID of its process. "" without one."""
         cdef uint64_t stop = load_u64(&self.layout.operator.stop)
         if stop == 0:
             return ""
-        return "keys" if origin_of_stop(stop) == BY_KEYS else "set %d" % process_of_stop(stop)
+        names = {BY_KEYS: "keys", BY_PANEL: "panel"}
+        return names.get(origin_of_stop(stop)) or "set %d" % process_of_stop(stop)
 
     @property
     def question(self) -> int:

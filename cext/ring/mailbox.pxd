@@ -45,6 +45,7 @@ cdef enum: # origin of a request
     BY_SET = 0                  # `python -m runtime set`
     BY_KEYS = 1                 # the keys of the run's own terminal
     BY_REPLAY = 2               # a recording
+    BY_PANEL = 3                # a page of the panel
 
 cdef enum: # answers
     TAKEN = 0

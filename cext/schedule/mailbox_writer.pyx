@@ -25,7 +25,7 @@ cdef class Writer:
     """Writer to a run: changes and marks through its mailbox, and the requests of the operator beside it.
 
     shared : cext.memory.shared_state.SharedState
-    origin : "set" or "keys"
+    origin : "set", "keys" or "panel"
 
     `set` and `mark` return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the writer
     until `answer` has returned its answer, or `withdraw` has taken it back.

@@ -161,6 +161,18 @@ def _setting(text: str, shown: str, option: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
+def panel_address(text: str) -> tuple[str, int]:
+    """Convert the text of `--panel` to (host, port): 127.0.0.1 and 0 by default. Raises BadInput."""
+    bare = text.endswith("]") or (text.count(":") > 1 and not text.startswith("["))  # an IPv6 address without a port
+    host, colon, port = (text, "", "") if bare else text.rpartition(":")
+    if not colon:
+        host, port = ("", text) if text.isdecimal() else (text, "0")
+    port = port or "0"
+    if not port.isdecimal() or int(port) > 65535:
+        raise BadInput(f"--panel {text}: expected ADDRESS:PORT, as in 192.168.1.5:8470")
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
 def host_and_port(text: str) -> tuple[str, int]:
     """Convert the text of `--plotjuggler` to (host, port); port 9870 by default. Raises BadInput."""
     host, colon, port = text.rpartition(":")

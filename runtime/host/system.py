@@ -40,6 +40,12 @@ def maps(pid: int, descriptor: int) -> bool:
     return False
 
 
+def name_process(name: str) -> None:
+    """Set the name of this process, as `ps` shows it."""
+    with open("/proc/self/comm", "w") as file:
+        file.write(name)
+
+
 def user() -> str:
     """Return the name of this process's account, or # and its number if it has none, as in a container."""
     try:

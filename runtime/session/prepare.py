@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
-from blocks.sinks import PlotJuggler, Rerun
+from blocks.sinks import Panel, PlotJuggler, Rerun
 from graph import Device, Diagram, Schedule
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
@@ -182,6 +182,11 @@ def adapt(diagram: Diagram, request: Request) -> None:
         with diagram:
             for viewer in viewers or [Rerun()]:
                 viewer.target = request.rerun
+    if request.panel is not None:
+        panels = [block for block in diagram if isinstance(block, Panel)]
+        with diagram:
+            for panel in panels or [Panel()]:
+                panel.host, panel.port = request.panel
     if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
         with diagram:
             CsvRecorder()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import asdict
 
+from blocks.actuators.drive import Drive
 from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
 from cext.clock.stopwatch import names
@@ -96,6 +97,11 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "simulated": prepared.plant is not None,
         "signals": [asdict(column) for column in schedule.recorded],
         "limits": limits(prepared.diagram, schedule),
+        "hot": {
+            f"{block.path}.temperature": block.fault_temperature
+            for block in prepared.diagram
+            if isinstance(block, Actuator) and isinstance(block, Drive)
+        },
         "buses": schedule.buses,
         "media": schedule.media,
         "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},
@@ -105,6 +111,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "keys": request.report is None and can_ask(),  # not if a program has started the run, which uses the mailbox
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
+        "secret": os.urandom(16).hex(),
         "metadata": {
             "diagram_file": str(request.file),
             "source_sha256": prepared.source_sha256,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from runtime.record.analysis.trial import Trial
 
 READ_SIZE = 1 << 20  # bytes
-SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
+SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:Panel", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
 
 
 @dataclass(frozen=True)

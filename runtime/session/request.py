@@ -14,6 +14,7 @@ from runtime.host.options import (
     host_and_port,
     number,
     option,
+    panel_address,
     processor,
     settings,
     trial_fields,
@@ -166,6 +167,17 @@ class Request:
         metavar="WHERE",
         help="show the run in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of another viewer",
     )
+    panel: tuple[str, int] | None = option(
+        "--panel",
+        section=OUTPUT,
+        default=None,
+        nargs="?",
+        const="",
+        type=panel_address,
+        metavar="ADDRESS:PORT",
+        help="serve a page for a browser: state, stop, live parameters, plots (default: on this computer alone, "
+        "127.0.0.1, first free port from 8470 on)",
+    )
     realtime: str | None = option(
         "--realtime",
         section=TIMING,
@@ -295,6 +307,8 @@ class Request:
             raise BadInput("--fast and --rig exclude each other: a rig runs in real time")
         if self.seed is not None and self.rig is not None:
             raise BadInput("--seed and --rig exclude each other: a robot has no simulated noise")
+        if self.fast and self.panel is not None:
+            raise BadInput("--panel and --fast exclude each other: a run in virtual time is over before it can be seen")
         if self.fast and self.rearm:
             raise BadInput("--fast and --rearm exclude each other: virtual time does not wait for a key")
         if self.fast and self.duration is None:

@@ -231,6 +231,7 @@ class Recording:
             "files": self.described_files(),
             "stem": self.plan["stem"],
             "sidecar": self.sidecar,
+            "kept": {path: service.kept for path, service in self.services if service.kept},
             "log": next((service.unfinished for _, service in self.services if service.unfinished), None),
         }
 

@@ -29,6 +29,7 @@ class PlanBefore(TypedDict):
     logs: list[str]  # incomplete flight logs
     problems: list[str]
     lost: int  # records
+    kept: dict[str, dict[str, Any]]  # {path of a sink: what its service passes on}
 
 
 class _Plan(TypedDict):
@@ -58,6 +59,8 @@ class _Plan(TypedDict):
 class Plan(_Plan, total=False):
     """Plan of a recording."""
 
+    hot: dict[str, float]  # {path of a temperature: °C at which the run ends}
+    secret: str  # from which the tokens of a panel are made
     part: int  # 1 by default; later ones follow the death of a writer
     before: PlanBefore
     stopped: bool  # whether a signal has ended the run, for `Service.conclude`

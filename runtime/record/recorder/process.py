@@ -28,11 +28,11 @@ from runtime.host.console.keys import restore, terminal_attributes
 from runtime.host.console.stderr import Terminal
 from runtime.host.ending import ignore_signals
 from runtime.host.run_mark import end_marked, own_mark, remove_mark
-from runtime.host.system import maps
+from runtime.host.system import maps, name_process
 from runtime.record.recorder.checkpoint import Checkpoint
 from runtime.record.recorder.part import RecordingFailed
 from runtime.record.recorder.report import PARTIAL, write_json
-from runtime.record.recorder.writer import answer, name_process, write
+from runtime.record.recorder.writer import answer, write
 from runtime.record.storage.files import STOPPED_EARLY
 
 if TYPE_CHECKING:
@@ -193,13 +193,16 @@ def successor(
             state["sidecar"],
             {**sidecar, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again},
         )
-    before: PlanBefore = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"], "lost": 0})
+    before: PlanBefore = plan.get(
+        "before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"], "lost": 0, "kept": {}}
+    )
     before = {
         "files": before["files"] | {path: remark or f"part {part}" for path, remark in state["files"].items()},
         "logs": [*before["logs"], *filter(None, [state["log"]])],
         "problems": [*before["problems"], problem],
         "stem": before["stem"],
         "lost": lost,
+        "kept": state.get("kept", {}),
     }
     return {**plan, "before": before, "stem": f"{before['stem']}_part{part + 1}"}, part + 1, problem
 

@@ -42,12 +42,18 @@ class Service:
     title = ""  # of a log, in messages
     elsewhere = False  # whether another process writes its files
     time = 0.0  # s, of the newest row that `row` has taken
+    kept: dict[str, Any] = {}  # for JSON: what the service of the next part finds in `before`
 
     def __init__(self, plan: Plan, sink: PlanSink) -> None:
         self.plan, self.sink = plan, sink
         self.files: dict[str, str] = {}
         self.say: Callable[[str], None] = lambda line: None
         self.shared: SharedState | None = None
+
+    @property
+    def before(self) -> dict[str, Any]:
+        """`kept` of this service in the part before this one; empty in the first part."""
+        return self.plan.get("before", {}).get("kept", {}).get(self.sink["path"], {})
 
     @property
     def unfinished(self) -> str | None:

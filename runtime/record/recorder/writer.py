@@ -19,6 +19,7 @@ from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.host.console.keys import Keyboard
 from runtime.host.console.stderr import Terminal
 from runtime.host.console.styles import Console
+from runtime.host.system import name_process
 from runtime.record.recorder.checkpoint import Checkpoint
 from runtime.record.recorder.companion import Companion
 from runtime.record.recorder.disk_sync import DiskSync
@@ -224,9 +225,3 @@ def answer(descriptor: int, message: dict[str, Any]) -> None:
             data = data[os.write(descriptor, data) :]
     except BrokenPipeError:
         pass
-
-
-def name_process(name: str) -> None:
-    """Set the name of this process, as `ps` shows it."""
-    with open("/proc/self/comm", "w") as file:
-        file.write(name)

@@ -6,9 +6,9 @@
 
 "confirm" and "rearm", which armed the robot, have the form of "stop".
 
-`tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "replay", "set" and the ID of
-the process, or "step" of runtime.simulate. A change that was a ramp has its `slew` in units per second: each tick
-changed the value by slew · dt at most, where dt is the time since the previous tick.
+`tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "panel", "replay", "set" and
+the ID of the process, or "step" of runtime.simulate. A change that was a ramp has its `slew` in units per second: each
+tick changed the value by slew · dt at most, where dt is the time since the previous tick.
 """
 
 import math
@@ -19,12 +19,13 @@ from runtime.record.storage.format import CHANGE
 
 SET, MARK, STOP, CONFIRM, REARM = range(5)
 ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
-ORIGINS = {1: "keys", 2: "replay"}
+ORIGINS = {1: "keys", 2: "replay", 3: "panel"}
 
 
 def stopped_by(origin: str) -> str:
     """Return what has stopped a run as text. origin : as in cext.schedule.outcome.Outcome.stopped"""
-    return "stopped by the space bar" if origin == "keys" else f"stopped by process {origin.removeprefix('set ')}"
+    by = {"keys": "the space bar", "panel": "a page of the panel"}
+    return f"stopped by {by.get(origin) or 'process ' + origin.removeprefix('set ')}"
 
 
 class Changes:

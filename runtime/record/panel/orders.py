@@ -1,0 +1,119 @@
+"""Orders of a page, and how the run is asked. A message that is none of these is refused.
+
+    {"do": "stop"}                                      any page
+    {"do": "operate", "take": true}                     a page that may operate: take the controls, or give them back
+    {"do": "set", "id": 7, "changes": [[0, 0.5], ...]}  the operator: change live parameters together, by index
+    {"do": "mark", "id": 8}                             the operator: mark this tick
+
+The loop decides: it compares each value with bounds of its own. An order with an `id` is answered:
+
+    {"type": "answer", "id": 7, "taken": true, "tick": 812, "text": ""}
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
+
+if TYPE_CHECKING:
+    from runtime.record.panel.view import View
+
+POLL_PERIOD = 0.005  # s
+TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a request
+TAKE_TICKS = 4
+WAITING_LIMIT = 16  # requests of the panel that wait for the loop
+ORIGIN = "panel"
+
+
+class Stop(msgspec.Struct, tag_field="do", tag="stop", forbid_unknown_fields=True):
+    """Stop the run."""
+
+
+class Operate(msgspec.Struct, tag_field="do", tag="operate", forbid_unknown_fields=True):
+    """Take the controls, or give them back."""
+
+    take: bool
+
+
+class Set(msgspec.Struct, tag_field="do", tag="set", forbid_unknown_fields=True):
+    """Change live parameters in one tick."""
+
+    id: int
+    changes: list[tuple[int, float]]
+
+
+class Mark(msgspec.Struct, tag_field="do", tag="mark", forbid_unknown_fields=True):
+    """Mark the tick."""
+
+    id: int
+
+
+ORDERS = msgspec.json.Decoder(Stop | Operate | Set | Mark)
+
+
+class Mailbox:
+    """The panel's way to the run. view : View of the run"""
+
+    def __init__(self, view: View) -> None:
+        self.view, self.shared = view, view.shared
+        self.writer = Writer(view.shared, ORIGIN)
+        self.waiting = 0
+
+    def stop(self) -> None:
+        """Request the end of the run. Waits for nothing."""
+        self.writer.stop()
+
+    def problem(self, order: Set) -> str:
+        """Return why an order cannot be carried out, "" if the loop is to decide."""
+        parameters, indices = self.view.table.parameters, [index for index, _ in order.changes]
+        if not 0 < len(order.changes) <= CHANGE_LIMIT:
+            return f"expected 1 to {CHANGE_LIMIT} changes"
+        if len(set(indices)) < len(indices) or not all(0 <= index < len(parameters) for index in indices):
+            return "no such live parameter"
+        if any(parameters[index].path in self.view.withheld for index in indices):
+            return "a page never arms a drive: use `set`"
+        return ""
+
+    async def carry_out(self, order: Set | Mark) -> dict[str, Any]:
+        """Pass an order on to the loop, and wait for its answer. Returns the answer for the page."""
+        problem = self.problem(order) if isinstance(order, Set) else ""
+        if not problem and self.waiting >= WAITING_LIMIT:
+            problem = "too many requests wait for the run"
+        if problem:
+            return answered(order, problem)
+        self.waiting += 1
+        try:
+            return await self.ask(order)
+        finally:
+            self.waiting -= 1
+
+    async def ask(self, order: Set | Mark) -> dict[str, Any]:
+        """Post a letter, and wait until the loop has answered it."""
+        until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / self.view.plan["rate"]
+        ticket = None
+        while ticket is None:
+            ticket = self.writer.set(order.changes) if isinstance(order, Set) else self.writer.mark()
+            if ticket is None:
+                if time.monotonic() > until:
+                    return answered(order, "the mailbox of the run is full")
+                await asyncio.sleep(POLL_PERIOD)
+        while (answer := self.writer.answer(ticket)) is None:
+            late = time.monotonic() > until or self.shared.closed
+            if late and self.writer.withdraw(ticket):
+                return answered(order, "the run has not taken it")
+            await asyncio.sleep(POLL_PERIOD)
+        verdict, tick, number = answer
+        if verdict == "taken":
+            return {**answered(order, ""), "tick": tick, "number": number}
+        broken = self.view.table.broken(self.shared, dict(order.changes)) if isinstance(order, Set) else []
+        return answered(order, "the run has ended" if verdict == "over" else "; ".join(broken) or verdict)
+
+
+def answered(order: Set | Mark, problem: str) -> dict[str, Any]:
+    """Return the answer to an order. problem : "" if it was carried out"""
+    return {"type": "answer", "id": order.id, "taken": not problem, "text": problem}

@@ -1,0 +1,34 @@
+// Elements, numbers and times as text.
+
+export function element(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+const DIGITS = { "°": 1, "°/s": 0, "N·m": 1, "°C": 0, "V": 1, "Hz": 1 };  // decimals that people read
+
+export function number(value, digits) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const text = value.toFixed(digits ?? (size < 10 ? 2 : size < 100 ? 1 : 0));
+  return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "−");
+}
+
+// signal: as in the message "hello", with dtype, labels, factor and shown, its unit for people
+export function withUnit(value, signal) {
+  if (!Number.isFinite(value)) return "–";
+  if (signal.dtype === "bool") return value ? "yes" : "no";
+  if (signal.labels?.length) return signal.labels[value] ?? String(value);
+  if (signal.dtype === "int") return String(value).replace("-", "−") + spaced(signal.shown);
+  return number(value * signal.factor, DIGITS[signal.shown]) + spaced(signal.shown);
+}
+
+const spaced = (unit) => (unit && unit !== "°" ? ` ${unit}` : unit);
+
+export function clock(seconds) {
+  const minutes = Math.floor(seconds / 60), rest = seconds - 60 * minutes;
+  return minutes ? `${minutes}:${rest.toFixed(1).padStart(4, "0")}` : `${rest.toFixed(1)} s`;
+}
+
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);

@@ -1,0 +1,126 @@
+"""The process of the panel. Its service in the recorder starts it, and it ends with the recorder.
+
+It answers with {"ready": {role: address}, "port": number} or {"error": text} once it listens. Then it takes the events
+of the recording from a socket of type SOCK_SEQPACKET, as JSON.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import os
+import socket
+import sys
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from cext.memory.shared_state import SharedState
+from runtime.host.system import name_process
+from runtime.record.panel.server import Server
+from runtime.record.panel.view import View
+
+EVENT_BYTES = 1 << 17  # of a message
+FIRST_PORT, PORTS = 8470, 10  # that are tried in turn for port 0
+PORT_TIMEOUT = 5.0  # s for a panel before this one to release a port
+
+
+def main(answers: int, control: int, shared: int, events: int) -> None:
+    """Run the process.
+
+    answers : file descriptor of the pipe to the recorder
+    control : pidfd of the recorder
+    shared : file descriptor of the shared state
+    events : file descriptor of the socket with the events
+    """
+    name_process("tickwork-panel")
+    plan = json.loads(sys.stdin.readline())
+    state = SharedState(fd=shared)
+    asyncio.run(Panel(plan, state, answers, socket.socket(fileno=events)).run())
+
+
+class Panel:
+    """The panel of one run.
+
+    plan : of the recorder
+    answers : file descriptor of the pipe to the recorder
+    events : socket with the events of the recording
+    """
+
+    def __init__(self, plan: dict[str, Any], shared: SharedState, answers: int, events: socket.socket) -> None:
+        self.plan, self.shared, self.answers, self.events = plan, shared, answers, events
+        self.view = View(plan, shared)
+        self.server = Server(self.view, plan["host"], plan["secret"])
+        self.over = asyncio.Event()
+
+    async def run(self) -> None:
+        """Listen, and serve the pages until the recorder has ended."""
+        try:
+            await self.listen()
+        except OSError as error:
+            where = f"{self.plan['host']} port {self.plan['port'] or FIRST_PORT}"
+            self.answer({"error": f"cannot listen on {where}: {error.strerror}"})
+            return
+        self.answer({"ready": self.server.addresses(), "port": self.server.port})
+        loop = asyncio.get_running_loop()
+        self.events.setblocking(False)
+        loop.add_reader(self.events, self.take_events)
+        control = os.pidfd_open(self.shared.control)
+        loop.add_reader(control, self.control_ended, control)
+        publishing = asyncio.create_task(self.server.publish())
+        await self.over.wait()
+        publishing.cancel()
+        await self.server.close()
+
+    async def listen(self) -> None:
+        """Listen on the port of the panel before this one, else on that of the plan. Raises OSError."""
+        port, until = self.plan["port"], time.monotonic() + PORT_TIMEOUT
+        while self.plan["port_before"] and time.monotonic() < until:  # pages connect again where they were
+            if await self.listens([self.plan["port_before"]]):
+                return
+            await asyncio.sleep(0.05)
+        if not await self.listens([port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)):
+            raise OSError(errno.EADDRINUSE, "in use" if port else f"nor are those up to {FIRST_PORT + PORTS - 1} free")
+
+    async def listens(self, ports: Iterable[int]) -> bool:
+        """Listen on the first free one of some ports. Returns False if all are in use. Raises OSError."""
+        for port in ports:
+            try:
+                await self.server.listen(port)
+                return True
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+        return False
+
+    def answer(self, message: dict[str, Any]) -> None:
+        """Send one line of JSON to the recorder."""
+        os.write(self.answers, json.dumps(message).encode() + b"\n")
+
+    def take_events(self) -> None:
+        """Take the events that have arrived. The end of the socket is the end of the recorder."""
+        while True:
+            try:
+                message = self.events.recv(EVENT_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                message = b""
+            if not message:
+                asyncio.get_running_loop().remove_reader(self.events)
+                self.over.set()
+                return
+            event = json.loads(message)
+            if event.get("event") == "complete":
+                self.view.complete = True
+                continue
+            shown = self.view.take_event(event)
+            if shown is not None:
+                self.server.tell(shown)
+
+    def control_ended(self, control: int) -> None:
+        """Show that the control process has ended, which it does after its last record."""
+        asyncio.get_running_loop().remove_reader(control)
+        self.view.gone = not self.shared.closed
+        self.server.refresh()

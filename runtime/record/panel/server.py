@@ -1,0 +1,312 @@
+"""The server of the panel: files of the page over HTTP, frames and orders over WebSocket, on one port.
+
+Each page has a task of its own that sends the newest frame: a stalled page misses frames, and delays no other. What a
+page sends is limited in size and rate; malformed messages are refused and counted, and a page that
+sends too many of them is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import Counter, deque
+from contextlib import suppress
+from http import HTTPStatus
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from websockets.asyncio.server import serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Response
+
+from runtime.record.panel import access
+from runtime.record.panel.access import OPERATE
+from runtime.record.panel.orders import ORDERS, Mailbox, Operate, Stop
+from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request
+
+    from runtime.record.panel.view import View
+
+PAGE_FOLDER = "runtime.record.panel.page"
+PAGES = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/page.css": ("page.css", "text/css; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8") for name in ("parameters", "plots", "text")},
+    "/uPlot.js": ("uPlot.iife.min.js", "text/javascript; charset=utf-8"),
+    "/uPlot.css": ("uPlot.min.css", "text/css; charset=utf-8"),
+}
+SECURITY = {
+    "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+SOCKET = "/socket"
+MESSAGE_LIMIT = 4096  # bytes of a message of a page
+MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
+REFUSED_LIMIT = 50  # messages of one page that are refused, after which it is closed
+PAGE_LIMIT = 16
+WRITE_LIMIT = 1 << 16  # bytes that wait for a stalled page
+TOKEN_TIMEOUT = 5.0  # s for the first message, which has the token
+PING_PERIOD = 2.0  # s
+CLOSE_TIMEOUT = 0.3  # s
+POLICY, TRY_LATER, GOING_AWAY = 1008, 1013, 1001  # codes of RFC 6455
+
+
+class Page:
+    """One open page.
+
+    number : of the page, from 1
+    role : "view" or "operate": what its token allows
+    events : messages that it has not been sent yet
+    """
+
+    def __init__(self, connection: ServerConnection, number: int, role: str) -> None:
+        self.connection, self.number, self.role = connection, number, role
+        self.events: deque[str] = deque()
+        self.budget, self.at = MESSAGE_BURST, time.monotonic()
+        self.refused = 0
+
+    @property
+    def name(self) -> str:
+        """Name of the page for people."""
+        return f"page {self.number}"
+
+    def in_budget(self) -> bool:
+        """Count a message. Returns whether the page is within its rate."""
+        now = time.monotonic()
+        self.budget = min(MESSAGE_BURST, self.budget + (now - self.at) * MESSAGE_RATE) - 1.0
+        self.at = now
+        if self.budget < 0.0:
+            self.budget = 0.0
+            return False
+        return True
+
+
+class Server:
+    """The server of one run.
+
+    view : View of the run
+    host : address that it listens on
+    secret : of the run, for the tokens
+    """
+
+    def __init__(self, view: View, host: str, secret: str) -> None:
+        self.view, self.host, self.mailbox = view, host, Mailbox(view)
+        self.local = access.is_local(host)
+        self.tokens = {} if self.local else access.tokens(secret)
+        self.pages: dict[int, Page] = {}
+        self.opened = self.pending = 0
+        self.operator: Page | None = None
+        self.refused: Counter[str] = Counter()
+        self.frame, self.status = b"", ""
+        self.news = asyncio.Event()
+        self.tasks: set[asyncio.Task[None]] = set()
+        self.folder = files(PAGE_FOLDER)
+
+    async def listen(self, port: int) -> None:
+        """Listen on a port. Raises OSError."""
+        logger = logging.getLogger("tickwork.panel")
+        logger.addHandler(logging.NullHandler())
+        logger.propagate = False
+        self.server = await serve(
+            self.serve_page,
+            self.host,
+            port,
+            process_request=self.answer_request,
+            compression=None,
+            max_size=MESSAGE_LIMIT,
+            max_queue=16,
+            write_limit=WRITE_LIMIT,
+            open_timeout=TOKEN_TIMEOUT,
+            ping_interval=PING_PERIOD,
+            ping_timeout=2 * PING_PERIOD,
+            close_timeout=CLOSE_TIMEOUT,
+            server_header=None,
+            logger=logger,
+        )
+        self.port = self.server.sockets[0].getsockname()[1]
+
+    def addresses(self) -> dict[str, str]:
+        """Return {role: address for a browser}."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        base = f"http://{host}:{self.port}/"
+        return {role: f"{base}#{token}" for token, role in self.tokens.items()} or {OPERATE: base}
+
+    # HTTP
+
+    def answer_request(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request for a file; return None to open a WebSocket."""
+        path = request.path.partition("?")[0]
+        if self.local and not self.is_own(connection):
+            return self.deny("account", HTTPStatus.FORBIDDEN, "This page belongs to another account of this computer.")
+        if path == SOCKET:
+            if not access.same_origin(request.headers.get("Origin"), request.headers.get("Host"), self.local):
+                return self.deny("origin", HTTPStatus.FORBIDDEN, "Only the panel's own page may connect.")
+            if max(len(self.pages), self.pending) >= PAGE_LIMIT:
+                return self.deny("pages", HTTPStatus.SERVICE_UNAVAILABLE, f"At most {PAGE_LIMIT} pages may be open.")
+            return None
+        if path not in PAGES:
+            return self.deny("path", HTTPStatus.NOT_FOUND, "The panel has no such page.")
+        name, kind = PAGES[path]
+        return response(HTTPStatus.OK, kind, (self.folder / name).read_bytes())
+
+    def is_own(self, connection: ServerConnection) -> bool:
+        """Return whether a connection is of this account."""
+        peer, here = connection.remote_address, connection.local_address
+        return access.of_this_account(peer[1], here[1])
+
+    def deny(self, why: str, code: HTTPStatus, text: str) -> Response:
+        """Count a refused request. Returns the response to it."""
+        self.refused[why] += 1
+        return response(code, "text/plain; charset=utf-8", text.encode() + b"\n")
+
+    # WebSocket
+
+    async def serve_page(self, connection: ServerConnection) -> None:
+        """Serve one page until its connection ends."""
+        role = OPERATE if self.local else await self.role_of(connection)
+        if role is None:
+            self.refused["token"] += 1
+            await connection.close(POLICY, "wrong token")
+            return
+        self.opened += 1
+        page = self.pages[self.opened] = Page(connection, self.opened, role)
+        if role == OPERATE and self.operator is None:
+            self.operator = page
+        page.events += [encode({**self.view.hello(), "page": page.name, "role": role}), *map(encode, self.view.events)]
+        self.refresh()
+        sending = asyncio.create_task(self.send_to(page))
+        try:
+            async for message in connection:
+                if not self.take(page, message):
+                    page.refused += 1
+                    if page.refused > REFUSED_LIMIT:
+                        await connection.close(POLICY, "too many refused messages")
+        except ConnectionClosed:
+            pass
+        finally:
+            sending.cancel()
+            del self.pages[page.number]
+            if self.operator is page:
+                self.operator = None
+            self.refresh()
+
+    async def role_of(self, connection: ServerConnection) -> str | None:
+        """Return the role of a page from its first message, which is the token; None without a valid one."""
+        self.pending += 1
+        try:
+            token = await asyncio.wait_for(connection.recv(), TOKEN_TIMEOUT)
+        except (asyncio.TimeoutError, ConnectionClosed):
+            return None
+        finally:
+            self.pending -= 1
+        return access.role_of(token if isinstance(token, str) else "", self.tokens)
+
+    async def send_to(self, page: Page) -> None:
+        """Send the events, the newest status and the newest frame to a page, as fast as it takes them."""
+        status = ""
+        with suppress(ConnectionClosed):
+            while True:
+                while page.events:
+                    await page.connection.send(page.events.popleft())
+                if status is not self.status:
+                    status = self.status
+                    await page.connection.send(status)
+                if self.frame:
+                    await page.connection.send(self.frame)
+                await self.news.wait()
+
+    def take(self, page: Page, message: str | bytes) -> bool:
+        """Carry out an order. Returns False for a message that was refused."""
+        try:
+            order = ORDERS.decode(message) if isinstance(message, str) else None
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            order = None
+        if isinstance(order, Stop):  # from each page, whatever its role and rate
+            self.mailbox.stop()
+            return True
+        if not page.in_budget():
+            return self.refuse("rate")
+        if order is None:
+            return self.refuse("malformed")
+        if page.role != OPERATE:
+            return self.refuse("role")
+        if isinstance(order, Operate):
+            self.operator = page if order.take else None if self.operator is page else self.operator
+            self.refresh()
+            return True
+        if page is not self.operator:
+            return self.refuse("role")
+        task = asyncio.create_task(self.carry_out(page, order))
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+        return True
+
+    def refuse(self, why: str) -> bool:
+        """Count a refused message. Returns False."""
+        self.refused[why] += 1
+        return False
+
+    async def carry_out(self, page: Page, order: Any) -> None:
+        """Pass an order to the run, and its answer to the page."""
+        page.events.append(encode(await self.mailbox.carry_out(order)))
+        self.wake()
+
+    # News
+
+    def tell(self, message: dict[str, Any]) -> None:
+        """Send a message to all pages."""
+        text = encode(message)
+        for page in self.pages.values():
+            page.events.append(text)
+        self.wake()
+
+    def refresh(self) -> None:
+        """Renew the status."""
+        pages = [
+            {"name": page.name, "role": page.role, "operates": page is self.operator} for page in self.pages.values()
+        ]
+        self.status = encode({**self.view.status(), "pages": pages, "refused": sum(self.refused.values())})
+        self.wake()
+
+    def wake(self) -> None:
+        """Let every task send what is new."""
+        self.news.set()
+        self.news = asyncio.Event()
+
+    async def publish(self) -> None:
+        """Renew frame and status continuously."""
+        state, due = None, 0.0
+        while True:
+            now = time.monotonic()
+            self.frame = self.view.frame()
+            if now >= due or self.view.shared.state != state:
+                state, due = self.view.shared.state, now + STATUS_PERIOD
+                self.refresh()
+            else:
+                self.wake()
+            await asyncio.sleep(FRAME_PERIOD)
+
+    async def close(self) -> None:
+        """Send the last status to all pages, and close them."""
+        self.frame = self.view.frame()
+        self.refresh()
+        await asyncio.sleep(FRAME_PERIOD)
+        self.server.close()
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self.server.wait_closed(), 2 * CLOSE_TIMEOUT)
+
+
+def response(code: HTTPStatus, kind: str, body: bytes) -> Response:
+    """Return a response with the headers of every page."""
+    headers = Headers({**SECURITY, "Content-Type": kind, "Content-Length": str(len(body)), "Connection": "close"})
+    return Response(code.value, code.phrase, headers, body)

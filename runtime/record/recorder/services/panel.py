@@ -1,0 +1,154 @@
+"""The service of the panel: starts its process (runtime.record.panel), and passes events of the recording to it.
+
+The process reads rows, state and live parameters from the shared state itself. If it dies, it is started once more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from contextlib import suppress
+from typing import Any
+
+from runtime.host.child_process import ChildProcess
+from runtime.record.recorder.service import Service
+
+READY_TIMEOUT = 20.0  # s, to import its libraries and listen
+END_TIMEOUT = 1.0  # s, to show the end of the run
+START_LIMIT = 2
+EVENT_LIMIT = 60_000  # bytes of an event
+PLANNED = ("folder", "stem", "rate", "duration", "simulated")
+
+
+class PanelError(OSError):
+    """The panel cannot serve the page. The text is the reason in one line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(0, text)
+
+
+class PanelProcess(ChildProcess):
+    """The process runtime.record.panel.process. shared, events : file descriptors that it inherits"""
+
+    def __init__(self, shared: int, events: int, plan: dict[str, Any]) -> None:
+        super().__init__("runtime.record.panel.process", (shared, events), (shared, events))
+        with suppress(BrokenPipeError):  # `answer` reports its death
+            self._send(json.dumps(plan).encode() + b"\n")
+
+    def answer(self, timeout: float) -> dict[str, Any] | None:
+        """Return the next answer; None after `timeout` s. Raises PanelError if the process has died."""
+        try:
+            answer = self._answer(timeout)
+        except TimeoutError:
+            return None
+        if answer is None:
+            raise PanelError("its process died")
+        return answer
+
+    def end(self, timeout: float) -> None:
+        """Wait for its end, and kill it after `timeout` s."""
+        self._close_answers()
+        with suppress(OSError):
+            self._orders.close()
+        with suppress(Exception):
+            self.wait(timeout)
+        if self._child.poll() is None:
+            self._child.kill()
+        self._child.wait()
+
+
+class PanelService(Service):
+    """Serves blocks.sinks.Panel."""
+
+    def open(self) -> None:
+        self.starts, self.lost, self.greeting = 0, 0, ""
+        self.child: PanelProcess | None = None
+        self.kept = self.before
+        self.start()
+        assert self.child is not None
+        answer = self.child.answer(READY_TIMEOUT)
+        if answer is None:
+            self.end_process(0.0)
+            raise PanelError(f"it was not ready within {READY_TIMEOUT:g} s")
+        self.greet(answer)
+
+    def start(self) -> None:
+        """Start the process."""
+        assert self.shared is not None
+        self.starts += 1
+        parameters = self.sink["parameters"]
+        labels = {column["path"]: column.get("labels", []) for column in self.sink["columns"]}
+        plan = {
+            **{key: self.plan.get(key) for key in PLANNED},
+            "limits": self.plan.get("limits", {}),
+            "hot": self.plan.get("hot", {}),
+            "host": parameters["host"],
+            "port": parameters["port"],
+            "port_before": self.kept.get("port", 0),
+            "secret": self.plan.get("secret") or os.urandom(16).hex(),
+            "run": f"{self.shared.control}-{self.plan['stem']}",
+            "signals": [{**signal, "labels": labels.get(signal["path"], [])} for signal in self.plan["signals"]],
+        }
+        self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.socket.setblocking(False)
+        with theirs:
+            self.child = PanelProcess(self.shared.fd, theirs.fileno(), plan)
+
+    def greet(self, answer: dict[str, Any]) -> None:
+        """Keep the line on its addresses, which is printed once the terminal takes it. Raises PanelError."""
+        if "error" in answer:
+            self.end_process(0.0)
+            raise PanelError(answer["error"])
+        self.kept = {"port": answer["port"]}  # pages connect again where they were
+        addresses = answer["ready"]
+        self.greeting = "panel: " + ", ".join(
+            f"{address}" if len(addresses) == 1 else f"to {role} {address}" for role, address in addresses.items()
+        )
+
+    def event(self, event: dict[str, Any]) -> None:
+        self.put(json.dumps(event).encode())
+
+    def put(self, message: bytes) -> None:
+        """Send an event without waiting, or count it as lost."""
+        try:
+            if len(message) > EVENT_LIMIT:
+                raise OSError
+            self.socket.send(message)
+        except OSError:
+            self.lost += 1
+
+    def flush(self) -> None:
+        if self.greeting:
+            self.say(f"tickwork: {self.greeting}")
+            self.greeting = ""
+        if self.child is None:
+            return
+        try:
+            answer = self.child.answer(0.0)
+        except PanelError:
+            self.end_process(0.0)
+            if self.starts >= START_LIMIT:
+                raise PanelError("its process died again; pages no longer show or stop the run") from None
+            self.say("tickwork: the process of the panel died and is started once more; the run continues")
+            self.start()
+            return
+        if answer is not None:
+            self.greet(answer)
+
+    def close(self) -> dict[str, Any]:
+        if self.child is None:
+            return {}
+        self.put(b'{"event": "complete"}')
+        self.end_process(END_TIMEOUT)
+        return {"starts": self.starts, "lost": self.lost}
+
+    def end_process(self, timeout: float) -> None:
+        """End the process, at the latest after `timeout` s."""
+        self.socket.close()
+        child, self.child = self.child, None
+        if child is not None:
+            child.end(timeout)
+
+
+SERVICE = PanelService

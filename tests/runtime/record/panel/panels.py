@@ -1,0 +1,174 @@
+"""Runs with a panel, and pages of it without a browser."""
+
+import contextlib
+import json
+import re
+import socket
+import struct
+import time
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tests.runtime.runs import Files, started, write
+
+# A knee that turns, a gain that may be changed, and a rule that holds between two limits.
+ROBOT = """
+import math
+
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.recorders import CsvRecorder
+from graph import Block, Diagram, Input, Output, Param, subsystem
+
+
+class Law(Block):
+    "Torque that goes to and fro."
+
+    gain = Param(1.0, "N·m", "amplitude of the torque", min=0.0, max=3.0, live=True)
+    position = Input("rad")
+    torque = Output("N·m")
+
+    def step(self, position, t):
+        {law}
+
+
+with Diagram("robot", rate=200) as diagram:
+    for number, side in enumerate(("left", "right"), 1):
+        with subsystem(side):
+            knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=number, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
+            knee(torque_command=TorqueLimiter(limit=5.0)(Law(name="law")(knee.position)))
+    CsvRecorder()
+"""
+SWING = "return self.gain * math.sin(5.0 * t)"
+
+
+class Run:
+    """A run with a panel. addresses : of the panel, by role"""
+
+    def __init__(self, process, folder):
+        self.process, self.folder, self.lines, self.addresses = process, folder, [], {}
+
+    def await_line(self, pattern, timeout=30.0):
+        """Read standard error until a line matches. Returns the match."""
+        until = time.monotonic() + timeout
+        while time.monotonic() < until:
+            line = self.process.stderr.readline()
+            assert line, f"the run has ended: {self.lines}"
+            self.lines.append(line)
+            if found := re.search(pattern, line):
+                return found
+        raise AssertionError(self.lines)
+
+    @property
+    def address(self):
+        return next(iter(self.addresses.values()))
+
+    def page(self, role=None, **headers):
+        return Page.open(self.addresses[role] if role else self.address, **headers)
+
+    def end(self, timeout=30):
+        """Wait for the end. Returns (exit code, standard error)."""
+        _, rest = self.process.communicate(timeout=timeout)
+        return self.process.returncode, "".join(self.lines) + rest
+
+    @property
+    def files(self):
+        return Files(self.folder / "recordings")
+
+
+def free_port():
+    """A port that no other test has been given."""
+    with socket.create_server(("127.0.0.1", 0)) as made:
+        return made.getsockname()[1]
+
+
+@contextlib.contextmanager
+def running(folder, *options, law=SWING, host="127.0.0.1"):
+    """A run in a process of its own, once its panel listens. It is stopped at the end if it still runs."""
+    write(folder, ROBOT.format(law=law))
+    with started(
+        "robot.py", "--panel", f"{host}:{free_port()}", "--record", "recordings", *options, cwd=folder
+    ) as process:
+        run = Run(process, folder)
+        try:
+            found = run.await_line(r"panel: (.*)")[1]
+            run.addresses = {
+                role or "all": address for role, address in re.findall(r"(?:to (\w+) )?(http\S+[^,\s])", found)
+            }
+            yield run
+        finally:
+            if process.poll() is None:
+                process.terminate()
+                process.communicate(timeout=30)
+
+
+class Page:
+    """A page without a browser: sends orders, and keeps what arrives."""
+
+    def __init__(self, connection, token):
+        self.socket, self.hello, self.status, self.frames, self.events, self.answers = (
+            connection,
+            None,
+            None,
+            [],
+            [],
+            {},
+        )
+        if token:
+            connection.send(token)
+        self.until(lambda: self.hello and self.status)
+
+    @classmethod
+    def open(cls, address, **headers):
+        base, _, token = address.partition("#")
+        host = base.removeprefix("http://").rstrip("/")
+        reached = host.replace("0.0.0.0", "127.0.0.1")
+        origin = headers.pop("origin", f"http://{reached}")
+        return cls(connect(f"ws://{reached}/socket", origin=origin, compression=None, **headers).__enter__(), token)
+
+    def take(self, timeout=10.0):
+        """Take one message."""
+        message = self.socket.recv(timeout=timeout)
+        if isinstance(message, bytes):
+            tick, state, *values = struct.unpack(f"<{len(message) // 8}d", message)
+            self.frames.append((int(tick), self.hello["states"][int(state)], values))
+            return
+        message = json.loads(message)
+        kind = message.pop("type")
+        if kind == "hello":
+            self.hello = message
+        elif kind == "status":
+            self.status = message
+        elif kind == "event":
+            self.events.append(message)
+        else:
+            self.answers[message["id"]] = message
+
+    def until(self, condition, timeout=20.0):
+        """Take messages until a condition holds."""
+        end = time.monotonic() + timeout
+        while not (value := condition()):
+            assert time.monotonic() < end, (self.status, self.events, self.answers)
+            self.take()
+        return value
+
+    def until_closed(self):
+        """Take messages until the connection is closed. Returns the code."""
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                self.take()
+        return self.socket.close_code
+
+    def send(self, **order):
+        self.socket.send(json.dumps(order))
+
+    def ask(self, do, **order):
+        """Send an order, and return its answer."""
+        number = len(self.answers) + 1000
+        self.send(do=do, id=number, **order)
+        return self.until(lambda: self.answers.get(number))
+
+    def index(self, path):
+        """Index of a live parameter."""
+        return [each["path"] for each in self.hello["parameters"]].index(path)

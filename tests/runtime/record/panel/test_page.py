@@ -1,0 +1,116 @@
+"""The page of the panel in a real browser: it shows the run, stops it, changes parameters, and admits a lost link."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.graph.drawing.browser import needs_browser
+from tests.runtime.record.panel.chromium import browser
+from tests.runtime.record.panel.panels import running
+from tests.runtime.runs import assert_safely_stopped, descendant
+
+pytestmark = [needs_browser, pytest.mark.paced]
+RUNNING = "document.getElementById('word').innerText === 'Running'"
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """(run, tab) of a run whose page is open."""
+    with running(tmp_path) as run, browser(tmp_path) as new_tab:
+        tab = new_tab(run.address)
+        tab.wait_for(RUNNING)
+        yield run, tab
+
+
+def test_page_loads_without_errors_and_shows_values_that_change(opened):
+    _, tab = opened
+    assert tab.text("#name") == "robot" and tab.text("#kind") == "simulation"
+    assert len(tab.evaluate("[...document.querySelectorAll('.actuator h2')].map((it) => it.innerText)")) == 2
+    first = tab.text(".actuator .torque b")
+    tab.wait_for(f"document.querySelector('.actuator .torque b').innerText !== {first!r}")
+    assert first.endswith("N·m")
+    tab.evaluate("document.getElementById('tab-plots').click()")
+    tab.wait_for("document.querySelectorAll('#charts canvas').length === 2")
+    assert tab.problems == []
+
+
+@pytest.mark.parametrize("how", ["tap", "space", "space in a field", "space on another tab"])
+def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
+    run, tab = opened
+    if how == "tap":
+        tab.click("#stop")
+    else:
+        if how == "space in a field":
+            tab.evaluate("document.querySelector('.parameter input[type=number]').focus()")
+        elif how == "space on another tab":
+            tab.evaluate("document.getElementById('tab-plots').click()")
+        tab.press(" ", "Space")
+    code, said = run.end()
+    assert code == 0 and "stopped by a page of the panel" in said
+    assert_safely_stopped(run.files, (1, 2))
+    tab.wait_for("document.getElementById('word').innerText === 'Ended'")
+    assert tab.evaluate("document.getElementById('stop').disabled && document.body.classList.contains('stale')")
+
+
+def test_space_in_the_search_of_signals_is_a_letter(opened):
+    run, tab = opened
+    tab.evaluate("document.getElementById('tab-plots').click(); document.getElementById('filter').focus()")
+    tab.press(" ", "Space")
+    tab.evaluate("new Promise((done) => setTimeout(done, 500))")
+    assert tab.evaluate(RUNNING) and tab.evaluate("document.getElementById('filter').value") == " "
+
+
+def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
+    run, tab = opened
+    row = "document.querySelector('[data-path=\"left/law.gain\"]')"
+    tab.wait_for(f"!{row}.querySelector('input').disabled")
+    tab.evaluate(
+        f"(() => {{ const slider = {row}.querySelector('input[type=range]'); slider.value = 2.5; "
+        "for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, {bubbles: true})); })()"
+    )
+    tab.wait_for(f"{row}.querySelector('.applied').innerText === 'applied: 2.5 N·m'")
+    tab.click("#mark")
+    tab.wait_for("document.getElementById('log').innerText.includes('Mark 1')")
+    tab.click("#stop")
+    assert run.end()[0] == 0
+    events = [event for event in run.files.sidecar["events"] if event["event"] == "set"]
+    assert {(event["path"], event["value"], event["tick"]) for event in events} == {
+        (f"{side}/law.gain", 2.5, events[0]["tick"]) for side in ("left", "right")
+    }
+    assert tab.problems == [] or all("WebSocket" in problem for problem in tab.problems)  # after the end of the run
+
+
+@pytest.mark.timing
+def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opened):
+    run, tab = opened
+    panel = descendant(run.process.pid, "tickwork-panel")
+    began = time.monotonic()
+    os.kill(panel, signal.SIGSTOP)
+    tab.wait_for("document.body.classList.contains('stale') && !document.getElementById('alarm').hidden")
+    assert time.monotonic() - began < 0.5 + 0.05
+    assert "cannot stop the robot" in tab.text("#alarm")
+    tab.press(" ", "Space")
+    assert "NOT SENT" in tab.text("#stop")
+    os.kill(panel, signal.SIGCONT)  # the stop is still wanted
+    assert run.end()[0] == 0
+
+
+def test_page_connects_to_the_panel_that_replaces_a_dead_one(opened):
+    run, tab = opened
+    os.kill(descendant(run.process.pid, "tickwork-panel"), signal.SIGKILL)
+    tab.wait_for("!document.getElementById('alarm').hidden")
+    tab.wait_for(f"document.getElementById('alarm').hidden && {RUNNING}")
+    tab.press(" ", "Space")
+    assert run.end()[0] == 0
+
+
+@pytest.mark.parametrize("width", [390, 1024, 1920])
+def test_page_fits_its_window(opened, width):
+    _, tab = opened
+    tab.look(width)
+    for name in ("operate", "plots"):
+        tab.evaluate(f"document.getElementById('tab-{name}').click()")
+        tab.wait_for(f"!document.getElementById('{name}').hidden")
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -1,0 +1,309 @@
+"""The panel of a run in a process of its own, without a browser: what it shows, stops, changes and survives."""
+
+import os
+import signal
+import socket
+import subprocess
+import time
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+import runtime
+from runtime.host.options import panel_address
+from runtime.record.panel.names import describe
+from runtime.record.panel.server import MESSAGE_LIMIT, REFUSED_LIMIT
+from tests.runtime.record.panel.panels import Page, running
+from tests.runtime.runs import assert_safely_stopped, descendant
+
+GAIN = "left/law.gain"
+
+
+def test_values_of_a_page_are_those_of_the_recording(tmp_path):
+    with running(tmp_path) as run:
+        page = run.page()
+        page.until(lambda: page.frames and page.frames[-1][0] >= 200)
+        page.send(do="stop")
+        assert page.until_closed() == 1001
+        code, said = run.end()
+    assert code == 0 and "stopped by a page of the panel" in said
+    trial = runtime.load(run.files.one(".mcap"))
+    rows = {int(tick): place for place, tick in enumerate(trial.tick)}
+    seen = [frame for frame in page.frames if frame[0] in rows]
+    assert len({tick for tick, _, _ in seen}) > 10
+    for place, described in enumerate(page.hello["signals"]):
+        recorded = trial[described["path"]]
+        assert [values[place] for _, _, values in seen] == [float(recorded[rows[tick]]) for tick, _, _ in seen]
+    assert page.status["complete"] and page.status["recording"]["name"] == run.files.one(".mcap").stem
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_every_page_stops_the_run_and_it_ends_with_its_safe_stop(tmp_path, first):
+    with running(tmp_path) as run:
+        pages = [run.page(), run.page()]
+        pages[0].until(lambda: pages[0].frames and pages[0].frames[-1][0] > 10)
+        pages[0 if first else 1].send(do="stop")
+        code, _ = run.end()
+    assert code == 0
+    assert_safely_stopped(run.files, (1, 2))
+    assert [event for event in run.files.sidecar["events"] if event["event"] == "stop"][0]["by"] == "panel"
+
+
+def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path):
+    with running(tmp_path) as run:
+        page = run.page()
+        index = page.index(GAIN)
+        assert page.ask("set", changes=[[index, 2.0]])["taken"]
+        page.until(lambda: page.status["live"][index] == [2.0, 2.0])
+        assert "out of bounds" in page.ask("set", changes=[[index, 3.5]])["text"]
+        assert "no such" in page.ask("set", changes=[[99, 1.0]])["text"]
+        assert page.ask("mark")["number"] == 1
+        page.send(do="stop")
+        page.until_closed()
+        run.end()
+    events = [{key: event[key] for key in ("event", "by")} for event in run.files.sidecar["events"] if "by" in event]
+    assert events == [{"event": name, "by": "panel"} for name in ("set", "mark", "stop")]
+    assert [event["event"] for event in page.events][:2] == ["set", "mark"]
+
+
+def test_one_page_operates_at_a_time_and_each_page_shows_which(tmp_path):
+    with running(tmp_path) as run:
+        first, second = run.page(), run.page()
+        order = {"do": "set", "id": 1, "changes": [[first.index(GAIN), 0.5]]}
+        second.send(**order)
+        second.until(lambda: second.status["refused"] == 1)
+        second.send(do="operate", take=True)
+        for page in (first, second):
+            page.until(lambda: [each["operates"] for each in page.status["pages"]] == [False, True])
+        second.send(**order)
+        assert second.until(lambda: second.answers.get(1))["taken"]
+        second.socket.close()
+        first.until(lambda: [each["operates"] for each in first.status["pages"]] == [False])
+
+
+def test_no_page_arms_a_drive(tmp_path):
+    with running(tmp_path) as run:
+        page = run.page()
+        for value in (0.0, 1.0):
+            answer = page.ask("set", changes=[[page.index("left/knee.disabled"), value]])
+            assert not answer["taken"] and "never arms" in answer["text"]
+        for order in ("confirm", "rearm", "arm"):
+            page.send(do=order)
+        page.until(lambda: page.status["refused"] == 3)
+
+
+# Hostile pages
+
+HOSTILE = [
+    "",
+    "{",
+    "[]",
+    "null",
+    "stop",
+    '{"do": "stop", "more": 1}',
+    '{"do": "set", "id": 1}',
+    '{"do": "set", "id": 1, "changes": [[0, "x"]]}',
+    '{"do": "set", "id": 1, "changes": [[0.5, 1]]}',
+    '{"do": "set", "id": 1, "changes": [[0, 1e999]]}',
+    '{"do": "set", "id": 1, "changes": [[0, NaN]]}',
+    '{"do": "fly"}',
+    '{"do": "operate", "take": 1}',
+    "[" * 2000,
+    "\ud7ff\x00" * 50,
+    b"\x00" * 100,
+]
+
+
+def test_five_thousand_hostile_messages_change_nothing(tmp_path):
+    with running(tmp_path) as run:
+        good, sent = run.page(), 0
+        before = good.status["live"]
+        while sent < 5000:
+            try:
+                bad = run.page()
+            except InvalidStatus:  # the pages before are still being closed
+                good.take()
+                continue
+            try:
+                for _ in range(REFUSED_LIMIT * 4):
+                    bad.socket.send(HOSTILE[sent % len(HOSTILE)])
+                    sent += 1
+            except ConnectionClosed:
+                pass
+            bad.socket.close()
+        good.until(lambda: good.status["refused"] >= REFUSED_LIMIT)
+        assert good.status["state"] == "running" and good.status["live"] == before
+        good.send(do="stop")
+        assert run.end()[0] == 0
+    assert [event for event in run.files.sidecar["events"] if event["event"] == "set"] == []
+
+
+def test_message_that_is_too_long_closes_its_page_only(tmp_path):
+    with running(tmp_path) as run:
+        good, bad = run.page(), run.page()
+        bad.socket.send("x" * (MESSAGE_LIMIT + 1))
+        assert bad.until_closed() == 1009
+        good.until(lambda: len(good.status["pages"]) == 1)
+
+
+def test_stalled_page_delays_no_other(tmp_path):
+    with running(tmp_path) as run:
+        stalled, good = run.page(), run.page()
+        assert stalled.socket is not None  # it reads nothing from here on
+        until = time.monotonic() + 2.0
+        count = len(good.frames)
+        while time.monotonic() < until:
+            good.take()
+        assert len(good.frames) - count > 30
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"origin": None}, {"origin": "http://evil.example"}, {"origin": "null"}, {"origin": "http://127.0.0.1:1"}],
+)
+def test_page_of_another_site_cannot_connect(tmp_path, headers):
+    with running(tmp_path) as run:
+        with pytest.raises(InvalidStatus) as refused:
+            run.page(**headers)
+        assert refused.value.response.status_code == 403
+
+
+def test_name_that_resolves_to_this_computer_is_no_proof(tmp_path):
+    with running(tmp_path) as run:
+        port = int(run.address.rstrip("/").rpartition(":")[2])
+        name = f"rebound.example:{port}"
+        with pytest.raises(InvalidStatus) as refused, socket.create_connection(("127.0.0.1", port)) as reached:
+            connect(f"ws://{name}/socket", origin=f"http://{name}", sock=reached).__enter__()
+        assert refused.value.response.status_code == 403
+
+
+FETCH = """
+import sys, urllib.error, urllib.request
+try:
+    urllib.request.urlopen(sys.argv[1])
+except urllib.error.HTTPError as error:
+    print(error.code)
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become another account")
+def test_another_account_of_this_computer_sees_nothing(tmp_path):
+    with running(tmp_path) as run:
+        command = ["/usr/bin/env", "python3", "-c", FETCH, run.address]
+        found = subprocess.run(command, user=65534, capture_output=True, text=True, cwd="/", env={"PATH": os.defpath})
+    assert found.stdout == "403\n", found.stderr
+
+
+def test_another_address_needs_a_token_and_a_viewer_only_stops(tmp_path):
+    with running(tmp_path, host="0.0.0.0") as run:
+        assert set(run.addresses) == {"view", "operate"}
+        base = run.addresses["view"].partition("#")[0]
+        for wrong in ("x", "0" * 20):
+            with pytest.raises(ConnectionClosed):
+                Page.open(f"{base}#{wrong}")
+        viewer, operator = run.page("view"), run.page("operate")
+        assert (viewer.hello["role"], operator.hello["role"]) == ("view", "operate")
+        viewer.send(do="operate", take=True)
+        viewer.until(lambda: viewer.status["refused"] == 3)  # two wrong tokens, and this
+        assert operator.ask("set", changes=[[operator.index(GAIN), 0.5]])["taken"]
+        viewer.send(do="stop")
+        code, said = run.end()
+    assert code == 0 and "stopped by a page of the panel" in said
+    tokens = [address.partition("#")[2] for address in run.addresses.values()]
+    recorded = b"".join(path.read_bytes() for path in run.files.folder.iterdir())
+    assert all(token.encode() not in recorded for token in tokens)
+
+
+# The end of a panel
+
+
+def test_panel_that_dies_is_started_once_more_and_the_run_goes_on_without_it(tmp_path):
+    with running(tmp_path) as run:
+        for expected in ("started once more", "died again"):
+            page = run.page()
+            page.until(lambda: page.frames)
+            os.kill(descendant(run.process.pid, "tickwork-panel"), signal.SIGKILL)
+            run.await_line(expected)
+            if expected == "started once more":
+                run.await_line("panel: http://")
+        assert descendant(run.process.pid, "tickwork-panel") is None
+        run.process.send_signal(signal.SIGINT)
+        code, said = run.end()
+    assert code == 130 and "its process died again" in said
+    assert run.files.sidecar["ticks"] > 100 and run.files.sidecar["dropped"] == 0
+
+
+def test_panel_that_is_paused_holds_up_neither_run_nor_recording(tmp_path):
+    with running(tmp_path, "--duration", "2") as run:
+        os.kill(descendant(run.process.pid, "tickwork-panel"), signal.SIGSTOP)
+        code, _ = run.end()
+    assert code == 0 and run.files.sidecar["dropped"] == 0
+
+
+def test_panel_serves_the_parts_after_the_death_of_the_writer(tmp_path):
+    with running(tmp_path) as run:
+        run.page()
+        os.kill(descendant(run.process.pid, "tickwork-record"), signal.SIGKILL)
+        run.await_line("panel: http://")
+        page = run.page()
+        page.until(lambda: page.frames)
+        page.send(do="stop")
+        assert run.end()[0] in (0, 4)
+
+
+def test_fault_is_shown_with_its_report(tmp_path):
+    with running(tmp_path, law="return math.nan if t > 1.5 else 0.0") as run:
+        page = run.page()
+        page.until_closed()
+        assert run.end()[0] == 3
+    [end] = [event for event in page.events if event["event"] == "end"]
+    assert end["status"] == "not finite" and any("FAULT at" in line for line in end["report"])
+
+
+# Options, names
+
+
+def test_address_of_another_process_is_refused(tmp_path, command_line):
+    with running(tmp_path) as run:
+        port = run.address.rstrip("/").rpartition(":")[2]
+        said = command_line.refused(run.folder / "robot.py", "--panel", port)
+    assert f"cannot listen on 127.0.0.1 port {port}" in said
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("", ("127.0.0.1", 0)),
+        ("8080", ("127.0.0.1", 8080)),
+        ("192.168.1.5", ("192.168.1.5", 0)),
+        ("192.168.1.5:8080", ("192.168.1.5", 8080)),
+        ("[::1]:8080", ("::1", 8080)),
+        ("::1", ("::1", 0)),
+        ("[fe80::1]", ("fe80::1", 0)),
+        (":8080", ("127.0.0.1", 8080)),
+    ],
+)
+def test_address_of_the_panel(text, expected):
+    assert panel_address(text) == expected
+
+
+def test_virtual_time_has_no_page(command_line):
+    assert "--panel and --fast exclude each other" in command_line.refused(
+        "robot.py", "--panel", "8080", "--fast", "--duration", "1"
+    )
+
+
+def test_names_and_units_are_those_of_people():
+    entries = [
+        {"path": "left/knee.position", "unit": "rad"},
+        {"path": "right/gait_phase.rms_torque", "unit": "N·m"},
+        *({"path": f"imu.accel[{axis}]", "unit": "m/s²"} for axis in range(3)),
+    ]
+    found = [(each["block"], each["port"], each["shown"]) for each in describe(entries)]
+    assert found == [
+        ("knee, left", "position", "°"),
+        ("gait phase, right", "RMS torque", "N·m"),
+        *(("IMU", f"accel {axis}", "m/s²") for axis in "xyz"),
+    ]
+    assert describe(entries)[0]["factor"] == pytest.approx(57.29578)
