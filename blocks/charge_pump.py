@@ -164,7 +164,8 @@ class EmulatedChargePump(StreamDevice):
     @classmethod
     def of(cls, pump: ChargePump, **parameters: Any) -> EmulatedChargePump:
         """Return the emulator of one ChargePump. parameters : override those of the pump"""
-        return cls(**{"bus": pump.bus, "hold": pump.hold, "messages": int(pump.line == "serial")} | parameters)
+        same: dict[str, Any] = {"bus": pump.bus, "hold": pump.hold, "messages": int(pump.line == "serial")}
+        return cls(**same | parameters)
 
     def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         return {"holds": Interval(0.0, 1.0), "changes": Interval(0.0)}

@@ -6,6 +6,7 @@ from typing import Any
 
 from cext.kernels.devices import input_devices as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
+from graph.narrowing import is_row
 
 KEY, AXIS = 1, 3
 STICK = (-32768, 32767)
@@ -163,13 +164,14 @@ class EmulatedControls(StreamDevice):
 
 def declared(block: Any, taken: dict[str, Output]) -> tuple[dict[str, int], tuple[float, ...]]:
     """Return ({name: kind} of axes and buttons, plan of the kernel). ValueError for an invalid declaration."""
-    named, plan = {}, []
+    named: dict[str, int] = {}
+    plan: list[float] = []
     for kind, entries, what in (
         (AXIS, block.axes, "(name, code, minimum, maximum)"),
         (KEY, block.buttons, "(name, code)"),
     ):
         for entry in entries:
-            if not isinstance(entry, (tuple, list)) or len(entry) != (4 if kind == AXIS else 2):
+            if not is_row(entry) or len(entry) != (4 if kind == AXIS else 2):
                 raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} must be {what}, got {entry!r}")
             name, code, low, high = (*entry, 0, 1)[:4]
             reserved = named.keys() | taken.keys() | block.parameters.keys()

@@ -22,7 +22,7 @@ def families() -> tuple[Family, ...]:
     own = [name for name in modules if name.endswith(".family")]
     loads = [(name, lambda name=name: getattr(importlib.import_module(name), OBJECT)) for name in own]
     loads += [(point.value, point.load) for point in importlib.metadata.entry_points(group=ENTRY_POINTS)]
-    loaded = []
+    loaded: list[Family] = []
     for name, load in loads:
         try:
             family = load()
@@ -67,7 +67,7 @@ def find_model(name: str, option: str = "") -> tuple[Drive, Any]:
     ending = re.fullmatch(rf"(.+?)[\W_]*({'|'.join(sorted(options))})(?:[\W_]*mode)?[\W_]*", str(name), re.IGNORECASE)
     if ending and not option:
         return find_model(ending[1], ending[2].lower())
-    causes = {}
+    causes: dict[Family, str] = {}
     for family in families():
         for drive in family.drives:
             if option in (drive.option, *drive.endings):

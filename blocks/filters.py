@@ -11,6 +11,7 @@ from blocks._plumbing.filter_bounds import HUGE, with_zero
 from cext.kernels import filters as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
+from graph.narrowing import is_row, is_tuple
 
 _EDGE = Param(10.0, "Hz", above=0.0)
 
@@ -18,12 +19,12 @@ _EDGE = Param(10.0, "Hz", above=0.0)
 class _Edges(Param[Any]):
     """Parameter that is a frequency or a pair of frequencies."""
 
-    def check(self, value):
-        if isinstance(value, (tuple, list)):
+    def check(self, value: Any) -> Any:
+        if is_row(value):
             return tuple(_EDGE.check(edge) for edge in value)
         return _EDGE.check(value)
 
-    def parse(self, text):
+    def parse(self, text: str) -> Any:
         edges = [_EDGE.parse(part.strip()) for part in text.split(",")]
         return tuple(edges) if len(edges) > 1 else edges[0]
 
@@ -43,7 +44,7 @@ class Butterworth(Biquads):
     btype = Param("lowpass", "1", "pass band", choices=("lowpass", "highpass", "bandpass", "bandstop"))
 
     def configure(self) -> None:
-        edges = self.cutoff if isinstance(self.cutoff, tuple) else (self.cutoff,)
+        edges = self.cutoff if is_tuple(self.cutoff) else (self.cutoff,)
         if self.btype in ("lowpass", "highpass") and len(edges) != 1:
             raise ValueError(f"cutoff: a {self.btype} filter requires one frequency in Hz, got {self.cutoff!r}")
         if self.btype in ("bandpass", "bandstop") and (len(edges) != 2 or not edges[0] < edges[1]):
@@ -57,7 +58,7 @@ class Butterworth(Biquads):
 
         Raises ValueError for a cutoff at or above half the rate.
         """
-        check_frequency("a cutoff", max(self.cutoff) if isinstance(self.cutoff, tuple) else self.cutoff, dt)
+        check_frequency("a cutoff", max(self.cutoff) if is_tuple(self.cutoff) else self.cutoff, dt)
         return biquads.butterworth(self.order, self.cutoff, self.btype, dt)
 
 

@@ -33,7 +33,7 @@ class GpioLine:
     line = "gpio"
     hardware = ("chip", "pin", "active_low", "bias", "debounce")
 
-    def opening(self) -> dict[str, float | str]:
+    def opening(self) -> dict[str, Any]:
         """Return the arguments for opening the line."""
         return {"chip": self.chip, "pin": self.pin, "active_low": self.active_low, "output": True} | (
             {"bias": self.bias, "debounce": self.debounce, "output": False} if "bias" in self.parameters else {}

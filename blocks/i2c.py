@@ -45,7 +45,7 @@ class Transfer(Struct, frozen=True):
     """
 
     number: int
-    steps: tuple
+    steps: tuple[Read | Write, ...]
     appended: bytes = b""
     address: int | None = None
 
@@ -58,7 +58,7 @@ class Round(Struct, frozen=True):
     """
 
     period: float
-    transfers: tuple
+    transfers: tuple[Transfer, ...]
     settle: float = 0.0
 
 
@@ -66,7 +66,7 @@ class Identity(Struct, frozen=True):
     """Identification register of a chip. values : {byte: name}, compared under the mask"""
 
     register: int
-    values: dict
+    values: dict[int, str]
     mask: int = 0xFF
 
 

@@ -141,7 +141,7 @@ class BiquadCascade(Biquads):
     until the next reset.
     """
 
-    sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows (b0, b1, b2, a0, a1, a2), one per section", dtype=tuple)
+    sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows (b0, b1, b2, a0, a1, a2), one per section")
 
     def configure(self) -> None:
         rows = np.asarray(self.sos, dtype=float)
@@ -150,7 +150,7 @@ class BiquadCascade(Biquads):
             raise ValueError(
                 f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, with a nonzero a0, got {self.sos!r}"
             )
-        self.sos = tuple(map(tuple, rows.tolist()))
+        self.sos = tuple((*row,) for row in rows.tolist())
 
     def design(self, dt: float) -> list[tuple[float, ...]]:
         """Return the biquads (b0, b1, b2, a1, a2), with a0 divided out. dt : s"""
@@ -242,7 +242,7 @@ def matrix(name: str, rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
 
 def state_at_rest(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """Return (I - A)⁻¹ B, the steady state for each input of 1, exact before one rounding. A must be stable."""
-    n, m = B.shape
+    n = len(B)
     rows = [
         [Fraction(int(i == j)) - Fraction(A[i, j]) for j in range(n)] + [Fraction(value) for value in B[i]]
         for i in range(n)

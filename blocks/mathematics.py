@@ -12,7 +12,11 @@ from blocks._plumbing.ports import UnitOfOutput, finite_numbers, several
 from blocks._plumbing.ranges import LIBM, falling, horner, rising
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
-from graph.arithmetic import Divide, Gain, Product, Sum, UnitConversion  # noqa: F401  (re-exported: the blocks of the operators of signals)
+from graph.arithmetic import Divide as Divide  # the blocks of the operators of signals
+from graph.arithmetic import Gain as Gain
+from graph.arithmetic import Product as Product
+from graph.arithmetic import Sum as Sum
+from graph.arithmetic import UnitConversion as UnitConversion
 from graph.interval import EVERYTHING
 
 

@@ -141,7 +141,7 @@ class _OverTime(UnitOfOutput):
     kernel = kernels.tables["linear"]
     interpolation: Any
 
-    def take(self, times, samples):
+    def take(self, times: np.ndarray, samples: np.ndarray) -> None:
         """Check and store the table. times : s, strictly increasing; samples : one value per time"""
         if len(times) < 2 or len(times) != len(samples):
             raise ValueError(
@@ -156,7 +156,7 @@ class _OverTime(UnitOfOutput):
         self.instants, self.samples = times, samples
         self.kernel = kernels.tables[self.interpolation]
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return Interval(float(np.nanmin(self.samples)), float(np.nanmax(self.samples)))
 
 
@@ -215,7 +215,7 @@ class Playback(_OverTime, Block):
         self.of_column = units.canonical(self.unit or written or units.ANY)
         self.take(times - times[0], samples)
 
-    def output_units(self) -> dict[str, str]:
+    def output_units(self, **inputs: str) -> dict[str, str]:
         return {"y": self.of_column}
 
 

@@ -71,7 +71,8 @@ class StateMachine(Block):
         first = self.initial or self.names[0]
         self.current = (self.index(first, "initial"), 0.0, 0.0)
         self.values = [len(own), *(float(self.states[state][output]) for state in self.names for output in own)]
-        operations, table = [], []
+        operations: list[tuple[float, float]] = []
+        table: list[float] = []
         for entry in self.transitions:
             if len(entry) != 3:
                 raise ValueError(f"a transition must be (from, to, condition), got {entry!r}")
@@ -116,8 +117,8 @@ class StateMachine(Block):
         return ranges
 
 
-_BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+_BINARY: dict[object, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_COMPARE: dict[object, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 
 
 def compile_condition(text: str, inputs: Sequence[str]) -> list[tuple[float, float]]:
@@ -129,12 +130,12 @@ def compile_condition(text: str, inputs: Sequence[str]) -> list[tuple[float, flo
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, AttributeError):
         raise ValueError(f"the condition {text!r} is not an expression") from None
-    code = []
+    code: list[tuple[float, float]] = []
 
-    def emit(name, operand=0.0):
+    def emit(name: str, operand: float = 0.0) -> None:
         code.append((float(kernels.OPERATIONS[name]), float(operand)))
 
-    def visit(node):
+    def visit(node: ast.expr) -> None:
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
                 emit("constant", value)

@@ -10,7 +10,9 @@ import numpy as np
 from blocks._plumbing.ranges import hull, total
 from cext.kernels import vectors as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
-from graph.arithmetic import Select, Stack, whole_numbers  # noqa: F401  (re-exported: the blocks of gyro[1] and stack(...))
+from graph.arithmetic import Select as Select  # the blocks of gyro[1] and stack(...)
+from graph.arithmetic import Stack as Stack
+from graph.arithmetic import whole_numbers
 from graph.units import multiply
 
 

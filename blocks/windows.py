@@ -28,11 +28,12 @@ def samples_in(window: float, dt: float) -> int:
 
 
 class _Sums(Block):
+    abstract = True
     window = Param(1.0, "s", "length of the window, rounded to an integer number of samples", above=0.0, fixed=True)
 
     u = Input("any", "input", shape=...)
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         samples = samples_in(self.window, dt)
         self.samples = [0.0] * (samples * self.width)
         self.sums = [0.0] * (5 * self.width)
@@ -84,16 +85,17 @@ class MovingRMS(_Sums):
 
 
 class _Extreme(Block):
+    abstract = True
     window = Param(1.0, "s", "length of the window, rounded to an integer number of samples", above=0.0, fixed=True)
 
     u = Input("any", "input", shape=...)
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         samples = samples_in(self.window, dt)
         self.values = self.steps = [0.0] * (samples * self.width)
         self.queue = (0.0, 0.0, -math.inf) * self.width
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u
 
 

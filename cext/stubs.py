@@ -10,13 +10,21 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from cext.kernel import Kernel
+
 HEADER = "# Generated from the source by `python -m cext.stubs`. Do not edit.\n"
 UNTYPED = HEADER + "from typing import Any\n\ndef __getattr__(name: str) -> Any: ...\n"
-FOLDERS = ("bus", "clock", "lines", "memory", "recording", "ring", "safety", "schedule")
+FOLDERS = ("bus", "clock", "kernels/networks", "lines", "memory", "recording", "ring", "safety", "schedule")
+ALONE = ("kernels/filter_bounds.pyx",)  # modules of other folders
 C_TYPES = {"bint": "bool", "double": "float", "float": "float", "object": "Any", "void": "None"}
-PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "tuple[Any, ...]"}
+BARE = {"dict": "dict[Any, Any]", "list": "list[Any]", "tuple": "tuple[Any, ...]"}
+PLAIN = {each: each.__name__ for each in (bool, int, float, str, bytes, Kernel)} | {
+    tuple: BARE["tuple"],
+    dict: BARE["dict"],
+}
 IMPORTS = {"np": "import numpy as np", "Any": "from typing import Any", "NamedTuple": "from typing import NamedTuple"}
-IMPORTS["dataclass"] = "from dataclasses import dataclass"
+IMPORTS |= {"dataclass": "from dataclasses import dataclass", "Kernel": "from cext.kernel import Kernel"}
+IMPORTS["Path"] = "from pathlib import Path"
 PARAMETER = re.compile(r"(?P<type>[\w ]*?(?:\[[:1, ]+\] *)?)(?P<name>\*{0,2}\w+)(?: not None)?(?:=(?P<default>.+))?")
 FUNCTION = re.compile(r"(?P<result>def|cpdef.*?) ?\b(?P<name>\w+)\((?P<parameters>.*)\).*?(?:-> (?P<annotation>.*))?:")
 CLASS = re.compile(r"(?:cdef )?class (?P<name>\w+)(?:\((?P<base>\w+)\))?:")
@@ -27,7 +35,7 @@ FIELD = re.compile(r"(?P<name>\w+): (?P<type>[^=]+?)(?P<default> = .*)?")
 def sources() -> list[Path]:
     """Return the sources of the native modules that have a stub."""
     folder = Path(__file__).parent
-    return sorted(path for each in FOLDERS for path in (folder / each).glob("*.pyx"))
+    return sorted(path for each in (*ALONE, *(f"{name}/*.pyx" for name in FOLDERS)) for path in folder.glob(each))
 
 
 def packages_of_kernels() -> list[Path]:
@@ -37,7 +45,7 @@ def packages_of_kernels() -> list[Path]:
 
 def module_name(source: Path) -> str:
     """Return the dotted name of the module of a source, as in "cext.bus.bits"."""
-    return ".".join(["cext", source.parent.name, source.stem])
+    return ".".join(source.with_suffix("").relative_to(Path(__file__).parent.parent).parts)
 
 
 def statements(source: str) -> Iterator[tuple[int, str]]:
@@ -63,8 +71,8 @@ def python_type(c_type: str, classes: dict[str, str]) -> str:
     c_type = c_type.replace("const ", "").strip()
     if "[" in c_type:
         return "bytes | bytearray | memoryview" if "char" in c_type else "np.ndarray"
-    if c_type in C_TYPES or c_type in ("str", "bytes", "dict", "list", "tuple"):
-        return C_TYPES.get(c_type, c_type)
+    if c_type in C_TYPES or c_type in ("str", "bytes", *BARE):
+        return (C_TYPES | BARE).get(c_type, c_type)
     if re.fullmatch(r"(unsigned )?(int|long|char|long long|u?int\d+_t|Py_ssize_t)", c_type):
         return "int"
     return c_type if c_type in classes else "Any"
@@ -133,9 +141,9 @@ def stub(source: Path) -> str:
             found[owner][1:1] = [line for line in lines if not line.startswith(("class ", "def "))]
     module = importlib.import_module(module_name(source))
     body = [
-        f"{name}: {PLAIN.get(type(value), 'dict[Any, Any]')}"
+        f"{name}: {PLAIN[type(value)]}"
         for name, value in vars(module).items()
-        if not name.startswith("_") and (type(value) in PLAIN or type(value) is dict)
+        if not name.startswith("_") and type(value) in PLAIN
     ]
     for lines in found.values():
         head, inner = (lines[:1], lines[1:]) if lines and not lines[0].startswith("def ") else ([], lines)

@@ -231,7 +231,7 @@ class Family:
         plain = re.sub(r"\W", "", str(text)).upper()
         return any(name and plain.startswith(name.upper()) for name in names)
 
-    def reports(self, frames: list[Frame]) -> dict[int, Answer]:
+    def reports(self, received: list[Frame]) -> dict[int, Answer]:
         """Return {id: newest Answer} of the drives that report without a request."""
         return {}
 

@@ -82,9 +82,10 @@ def names_of(node: ast.stmt) -> Iterator[str]:
 def words(source: str) -> set[str]:
     """Return all names in a source."""
     tree = ast.parse(source)
-    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
-    found = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    return found | {word for text in texts if text.isidentifier() for word in [text]}
+    stated = [getattr(node, name, None) for node in ast.walk(tree) for name in ("annotation", "returns")]
+    quoted = [each for node in stated if node and "Literal" not in ast.unparse(node) for each in ast.walk(node)]
+    found = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    return found | {node.value for node in quoted if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
 
 def words_outside_imports(tree: ast.Module) -> set[str]:
@@ -214,9 +215,10 @@ def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
         if name not in declared_names | names | inherited and not name.startswith("__"):
             lines.append(f"    {name}: Any")
     if not vars(kind).get("abstract"):
+        base = next(each for each in kind.__mro__[1:] if issubclass(each, Block))
         if "__init__" not in names:
             lines.append(function("__init__", constructor(kind), "None"))
-        if "__call__" not in names:
+        if "__call__" not in names and (vars(base).get("abstract", base is Block) or call(base) != call(kind)):
             lines += call(kind)
     return closed([*lines, *methods(node, vars(Block))])
 

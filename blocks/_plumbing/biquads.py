@@ -111,7 +111,7 @@ def band(pole: complex, width: float, square: float, passes: bool) -> list[tuple
         larger = max(middle + root, middle - root, key=abs)  # the other from their product, without cancellation
         quadratics = [(-2.0 * s.real, abs(s) ** 2) for s in (larger, square / larger)]
     cosine = (1.0 - square) / (1.0 + square)  # of the digital centre frequency
-    sections = []
+    sections: list[tuple[float, ...]] = []
     for c1, c0 in quadratics:
         norm = 1.0 / (1.0 + c1 + c0)
         a1, a2 = 2.0 * (c0 - 1.0) * norm, (1.0 - c1 + c0) * norm
@@ -146,7 +146,7 @@ def at_rest(sections: Sequence[tuple[float, ...]]) -> list[float]:
     The sums are exact before one rounding, because 1 + a1 + a2 nearly cancels. Zeros for an integrator, which has no
     such state, including systems that differ from an integrator by rounding only.
     """
-    steady = []
+    steady: list[float] = []
     for b0, b1, b2, a1, a2 in sections:
         below = math.fsum((1.0, a1, a2))
         if abs(below) <= 1e-14 * (1.0 + abs(a1) + abs(a2)):

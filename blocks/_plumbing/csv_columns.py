@@ -35,7 +35,7 @@ class Table(Struct, frozen=True):
         empty : value of an empty cell, which is an error without it. ValueError
         """
         index = self.index(*candidates)
-        values = []
+        values: list[float] = []
         for line, row in self.rows:
             try:
                 text = row[index].strip()

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
 
 from cext.kernels.filter_bounds import impulse_sums
 from graph.interval import EVERYTHING, Interval
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 EPSILON = 2.0**-52
 TINY = 1e-290  # absorbs underflow
@@ -55,7 +58,7 @@ class Reach(Struct, frozen=True):
     negative: np.ndarray
     slack: np.ndarray
     free: np.ndarray
-    largest: tuple
+    largest: tuple[float, ...]
 
     def interval(self, inputs: Sequence[Interval]) -> Interval | None:
         """Return the Interval of all outputs together. inputs : one Interval per input"""
@@ -77,17 +80,13 @@ class Reach(Struct, frozen=True):
 
 
 def reach_of_state_space(
-    A: Any,
-    B: Any,
-    C: Sequence[tuple[float, float]] | np.ndarray,
-    D: Sequence[list[float]] | np.ndarray,
-    start: np.ndarray | None = None,
+    a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, start: ArrayLike | None = None
 ) -> Reach | None:
     """Return the Reach of x' = A x + B u, y = C x + D u from x = start, or None without a bound.
 
     Valid for any order of summation in the kernel.
     """
-    A, B, C, D = (np.ascontiguousarray(matrix, dtype=float) for matrix in (A, B, C, D))
+    A, B, C, D = (np.ascontiguousarray(matrix, dtype=float) for matrix in (a, b, c, d))
     n, m = B.shape
     start = np.zeros(n) if start is None else np.asarray(start, dtype=float)
     if not stable(A):
@@ -127,21 +126,22 @@ def reach_of_cascade(sections: tuple[tuple[tuple[float, ...], tuple[float, ...]]
     count, n = len(sections), sum(len(b) - 1 for b, _ in sections)
     # Every signal is a row of weights of the states, the input, and the rounding error of each section's output.
     signals = np.eye(n + 1 + count)
-    signal, nexts = signals[n], []
-    outputs, first = [], 0
+    signal, first = signals[n], 0
+    nexts: list[np.ndarray] = []
+    results: list[np.ndarray] = []
     for index, (b, a) in enumerate(sections):
         order = len(b) - 1
         z = list(signals[first : first + order]) + [np.zeros_like(signal)]
         output = b[0] * signal + z[0] + signals[n + 1 + index]
         nexts += [b[i + 1] * signal - a[i + 1] * output + z[i + 1] for i in range(order)]
         signal, first = output, first + order
-        outputs.append(output)
-    outputs = np.array(outputs)
+        results.append(output)
+    outputs = np.array(results)
     A, E = (np.array(nexts)[:, :n], np.array(nexts)[:, n:]) if n else (np.zeros((0, 0)), np.zeros((0, 1 + count)))
     C, D = outputs[:, :n], outputs[:, n:]
     if not stable(A):
         return None
-    bounds = impulse_sums(*map(np.ascontiguousarray, (A, E, C)))
+    bounds = impulse_sums(np.ascontiguousarray(A), np.ascontiguousarray(E), np.ascontiguousarray(C))
     if bounds is None:
         return None
     positive, negative, _, _, states, steps = bounds

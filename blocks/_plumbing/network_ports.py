@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from graph import units
+from graph.narrowing import is_row, is_table
 
 NEXT = "_next"  # suffix of the output that is the next value of a state
 
@@ -59,10 +60,10 @@ def describe(
     Raises ValueError.
     """
     try:
-        data = json.loads(metadata) if metadata else {}
+        data: dict[str, Any] = json.loads(metadata) if metadata else {}
     except ValueError as error:
         raise ValueError(f"the metadata of the file is not valid JSON ({error})") from None
-    if not isinstance(data, dict):
+    if not is_table(data):
         raise ValueError("the metadata of the file is not a JSON object")
     found = Description(
         tuple(_ports(Channel, "channels", channels or data.get("channels", ()), reserved)),
@@ -86,10 +87,10 @@ def describe(
 def _ports(kind: type, what: str, entries: Any, reserved: Container[str]) -> Iterable[Any]:
     """Yield a Channel or Result of each entry. Raises ValueError."""
     allowed = [each.name for each in fields(kind)]
-    if not isinstance(entries, (list, tuple)):
+    if not is_row(entries):
         raise ValueError(f"{what}: expected a list of objects, got {entries!r}")
     for entry in entries:
-        if not isinstance(entry, dict) or "name" not in entry or set(entry) - set(allowed):
+        if not is_table(entry) or "name" not in entry or set(entry) - set(allowed):
             raise ValueError(f"{what}: expected an object with name and any of {', '.join(allowed[1:])}, got {entry!r}")
         name = entry["name"]
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name in reserved:
@@ -112,7 +113,7 @@ def _ports(kind: type, what: str, entries: Any, reserved: Container[str]) -> Ite
 
 
 def _pair(name: str, value: Any) -> Sequence[Any]:
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
+    if not is_row(value) or len(value) != 2:
         raise ValueError(f"range of {name} must be two numbers, got {value!r}")
     return value
 

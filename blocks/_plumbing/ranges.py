@@ -15,12 +15,12 @@ PHASE_LIMIT = 1e6  # rad, above which the phase of an angle is considered unknow
 LIBM = 2  # error bound of libm in units in the last place
 
 
-def rising(function: Callable[..., Any], u: Interval, ulps: int = 0) -> Interval:
+def rising(function: Callable[[float], float], u: Interval, ulps: int = 0) -> Interval:
     """Return the interval of a non-decreasing function. ulps : error bound of the function"""
     return outward(function(u.low), function(u.high), ulps)
 
 
-def falling(function: Callable[..., Any], u: Interval, ulps: int = 0) -> Interval:
+def falling(function: Callable[[float], float], u: Interval, ulps: int = 0) -> Interval:
     """Return the interval of a non-increasing function. ulps : error bound of the function"""
     return outward(function(u.high), function(u.low), ulps)
 
@@ -63,7 +63,7 @@ def truth(true: bool, false: bool) -> Interval:
     return Interval(0.0 if false else 1.0, 1.0 if true else 0.0)
 
 
-def wave(function: Callable[..., Any], u: Interval, peak: float) -> Interval:
+def wave(function: Callable[[float], float], u: Interval, peak: float) -> Interval:
     """Return the interval of a sine or cosine over u in rad. peak : angle at which it is 1"""
     if not u.bounded or u.high - u.low >= TURN or max(-u.low, u.high) > PHASE_LIMIT:
         return Interval(-1.0, 1.0)

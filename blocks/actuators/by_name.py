@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from blocks.families import find_model
-from graph import Diagnostic, DiagramError, Signal
+from graph import Block, Diagnostic, DiagramError, Signal
 from graph.diagnostics import caller
+from graph.family import Drive
 
 ALWAYS_KEPT = ("bus", "can_id")  # parameters that another block keeps, even if they have the default value
 OF_DIAGRAM = ("path", "diagram", "location", "every", "hold_exceptions", "conditions", "live_bounds", "set_from")
@@ -40,7 +41,7 @@ def actuators(models: Mapping[int, str], **parameters: Any) -> dict[int, Any]:
     }
 
 
-def change_model(block: Any, model: str) -> bool:
+def change_model(block: Block, model: str) -> bool:
     """Change the model of a block that `Actuator` has made, and its class if the model is of another family.
 
     The parameters that both blocks have keep their values, and the wires remain. Returns False for a block that was
@@ -49,15 +50,14 @@ def change_model(block: Any, model: str) -> bool:
     if not getattr(block, "_by_name", False):
         return False
     drive, found = _find(model)
-    old = type(block)
     kept = {
         name: getattr(block, name)
-        for name, param in old.parameters.items()
+        for name, param in type(block).parameters.items()
         if name in drive.block.parameters
         and name != "model"
         and (name in ALWAYS_KEPT or getattr(block, name) != param.default)
     }
-    new = drive.block(found.name, name=block.path, **kept)
+    new: Block = drive.block(found.name, name=block.path, **kept)
     _check_ports(block, new, model)
     state = {name: vars(block)[name] for name in OF_DIAGRAM if name in vars(block)}
     made = {
@@ -70,7 +70,7 @@ def change_model(block: Any, model: str) -> bool:
     return True
 
 
-def _find(model):
+def _find(model: str) -> tuple[Drive, Any]:
     """Return (Drive, model) of a name. Raises DiagramError."""
     try:
         return find_model(model)
@@ -78,7 +78,7 @@ def _find(model):
         raise DiagramError(Diagnostic("TW010", str(error), path="Actuator", where=caller())) from None
 
 
-def _check_ports(block, new, model):
+def _check_ports(block: Block, new: Block, model: str) -> None:
     """Raise DiagramError for wires to and from ports that the new block does not have."""
     wires = () if block.diagram is None else block.diagram.wires
     lost = {wire.port for wire in wires if wire.block is block and wire.port not in new.inputs}

@@ -19,7 +19,9 @@ STEP = 1.1  # between the speeds of two bands
 BAND_LIMIT = 64  # bands
 
 
-def damped_stop(joint: Any, frames_of: Callable[..., Any], velocity: ReplyField) -> DampedStop | None:
+def damped_stop(
+    joint: Any, frames_of: Callable[[float], list[tuple[int, bool, bytes]]], velocity: ReplyField
+) -> DampedStop | None:
     """Return the DampedStop of a Joint, or None if it is disabled at once.
 
     frames_of : function of a damping in N·m·s/rad at the joint that returns frames of at most that damping

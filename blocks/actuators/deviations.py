@@ -46,7 +46,8 @@ def table_of(block: Any) -> Any:
 
 def original(block: Any) -> Any:
     """Return the first class of a block that has a table: its family's own."""
-    return next((base for base in reversed(type(block).__mro__) if "find" in vars(base)), type(block))
+    kind: type[Any] = block.__class__
+    return next((base for base in reversed(kind.__mro__) if "find" in vars(base)), kind)
 
 
 def of_ranges(block: Any, scales: Sequence[float], law: bool = True) -> Iterator[Deviation]:

@@ -63,7 +63,7 @@ class Emulated(Ranges):
     enabled = Output("1", "whether the drive is enabled", dtype=bool)
     wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque of the last command")
-    state = Memory(
+    state: Memory = Memory(
         (0.0,) * 7,
         "1 if enabled, zero of the encoder, random state, position of a stuck encoder, 1 if it is stuck, time of the "
         "last command, motor turn at the joint",

@@ -58,7 +58,7 @@ def pose_of(pose: Sequence[float], shift: float) -> tuple[float, ...]:
     """Return (angle, tolerance) of the parameter `known_pose`, () for none. Raises ValueError."""
     if not isinstance(pose, (tuple, list)) or len(pose) not in (0, 2):
         raise ValueError(f"known_pose must be an angle and a tolerance in rad, as in [0.0, 0.1], got {pose!r}")
-    if not all(isinstance(x, Real) and not isinstance(x, bool) and math.isfinite(x) for x in pose):
+    if not all(not isinstance(x, bool) and isinstance(x, Real) and math.isfinite(x) for x in pose):
         raise ValueError(f"known_pose must be an angle and a tolerance in rad, got {pose!r}")
     if pose and not (0.0 < pose[1] and (shift == 0.0 or pose[1] < shift / 2.0)):
         raise ValueError(
@@ -75,7 +75,7 @@ def motion_of(limits: Sequence[float], reach: float) -> tuple[float, ...]:
     """
     if not isinstance(limits, (tuple, list)) or len(limits) not in (0, 2):
         raise ValueError(f"range must be the lowest and the highest angle in rad, as in [-0.1, 2.0], got {limits!r}")
-    finite = all(isinstance(x, Real) and not isinstance(x, bool) and math.isfinite(x) for x in limits)
+    finite = all(not isinstance(x, bool) and isinstance(x, Real) and math.isfinite(x) for x in limits)
     if not finite or (limits and not limits[0] < limits[1]):
         raise ValueError(f"range must be the lowest and the highest angle in rad, in this order, got {limits!r}")
     if limits and max(-limits[0], limits[1]) > reach:

@@ -54,11 +54,10 @@ class SplineProfile(Block):
     NaN passes and infinity becomes NaN.
     """
 
-    for point in range(8):
-        locals()[f"point_{point}"] = Param(
-            0.0, "N·m", f"torque at the phase {point}/8", min=-200.0, max=200.0, live=True
-        )
-    del point
+    locals().update(
+        (f"point_{k}", Param(0.0, "N·m", f"torque at the phase {k}/8", min=-200.0, max=200.0, live=True))
+        for k in range(8)
+    )
 
     phase = Input("1", "gait phase, 0 at heel strike", shape=...)
     enable = Input("1", "false sets the torque to 0", dtype=bool, shape=..., default=True)

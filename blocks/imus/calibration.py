@@ -21,12 +21,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+from graph.narrowing import is_row, is_table
+
+Vector: TypeAlias = tuple[float, ...]
 
 NOTHING = (0.0, 0.0, 0.0)
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -43,11 +47,11 @@ ABOUT = "sensor"  # table with the source of the calibration, for information
 class Calibration:
     """Offsets in m/s² and µT, bias in rad/s, matrices of three rows."""
 
-    accel_offset: tuple = NOTHING
-    accel_matrix: tuple = SAME
-    gyro_bias: tuple = NOTHING
-    mag_offset: tuple = NOTHING
-    mag_matrix: tuple = SAME
+    accel_offset: Vector = NOTHING
+    accel_matrix: tuple[Vector, ...] = SAME
+    gyro_bias: Vector = NOTHING
+    mag_offset: Vector = NOTHING
+    mag_matrix: tuple[Vector, ...] = SAME
 
     @classmethod
     def read(cls, path: str | Path) -> Calibration:
@@ -88,7 +92,7 @@ class Calibration:
         about : {name: text or number} of the sensor and the measurement
         parts : names of the calibrated parts
         """
-        lines = []
+        lines: list[str] = []
         if about:
             lines += [f"[{ABOUT}]", *(f"{name} = {quoted(value)}" for name, value in about.items()), ""]
         if "accelerometer" in parts:
@@ -114,12 +118,12 @@ class Calibration:
         return "\n".join(lines)
 
 
-def is_number(x: float) -> bool:
+def is_number(x: object) -> bool:
     """Return whether a value is a finite int or float."""
     return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> dict[str, list[Any]]:
+def table(content: dict[str, Any], part: str, path: str | Path) -> dict[str, Any]:
     """Return a table of a calibration file; {} if it is missing. Raises ValueError.
 
     content : parsed content of the file
@@ -127,7 +131,7 @@ def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> di
     path : file named in messages
     """
     found = content.get(part, {})
-    if not isinstance(found, dict):
+    if not is_table(found):
         raise ValueError(f"{path}: {part} must be a table: write [{part}]")
     stranger = next((name for name in found if name not in PARTS[part]), None)
     if stranger is not None:
@@ -135,38 +139,35 @@ def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> di
     return found
 
 
-def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str | Path) -> tuple[float, ...]:
+def vector(content: dict[str, Any], part: str, name: str, path: str | Path) -> Vector:
     """Return three numbers of a calibration file; zeros if they are missing. Raises ValueError.
 
     part : name of the table; name : name of the key
     """
     value = table(content, part, path).get(name, NOTHING)
-    if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
+    if not (is_row(value) and len(value) == 3 and all(map(is_number, value))):
         raise ValueError(f"{path}: [{part}] {name}: expected three finite numbers, got {value!r}")
     return tuple(map(float, value))
 
 
-def matrix(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> Any:
+def matrix(content: dict[str, Any], part: str, path: str | Path) -> tuple[Vector, ...]:
     """Return the matrix of a table as three rows; the identity if it is missing. Raises ValueError."""
     value = table(content, part, path).get("matrix", SAME)
-    right = (
-        isinstance(value, (list, tuple))
+    if not (
+        is_row(value)
         and len(value) == 3
-        and all(isinstance(row, (list, tuple)) and len(row) == 3 and all(map(is_number, row)) for row in value)
-    )
-    if not right:
+        and all(is_row(row) and len(row) == 3 and all(map(is_number, row)) for row in value)
+    ):
         raise ValueError(f"{path}: [{part}] matrix: expected three rows of three finite numbers, got {value!r}")
     return tuple(tuple(map(float, row)) for row in value)
 
 
-def numbers(values: tuple[float, float, float]) -> str:
+def numbers(values: Vector) -> str:
     """Return three numbers in TOML."""
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
-def rows(
-    values: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]],
-) -> list[str]:
+def rows(values: tuple[Vector, ...]) -> list[str]:
     """Return the lines of a matrix in TOML."""
     return ["matrix = [", *(f"    {numbers(row)}," for row in values), "]"]
 

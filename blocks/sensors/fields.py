@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from numbers import Real
 
 from graph import Input, Interval, Output, units
+from graph.narrowing import is_row
 
 # Size in bytes by type, in the order of cext/kernels/devices/fields_of_bytes.pxd.
 SIZES = {
@@ -92,7 +93,7 @@ def read(declared: tuple[tuple[str | float, ...], ...], taken: set[str]) -> list
 
     declared : sequence of (name, type, unit, scale); taken : reserved names. ValueError for an invalid field.
     """
-    if not isinstance(declared, (tuple, list)) or not declared:
+    if not is_row(declared) or not declared:
         raise ValueError('fields must contain at least one field, as in fields=(("force", "int32", "N", 0.01),)')
     fields = [field(each, number) for number, each in enumerate(declared, 1)]
     for each in fields:
@@ -103,7 +104,7 @@ def read(declared: tuple[tuple[str | float, ...], ...], taken: set[str]) -> list
 
 def field(declared: tuple[str | float, ...], number: int) -> Field:
     """Return the Field of a declaration (name, type, unit, scale). Raises ValueError if it is invalid."""
-    if not isinstance(declared, (tuple, list)) or not 2 <= len(declared) <= 4:
+    if not is_row(declared) or not 2 <= len(declared) <= 4:
         raise ValueError(
             f"field {number} must be (name, type, unit, scale), where unit and scale are 1 by default, got {declared!r}"
         )

@@ -8,6 +8,7 @@ from typing import Any
 from cext.kernels import no_io
 from cext.kernels.devices import insole as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, StreamDevice
+from graph.narrowing import is_tuple
 
 SIDES = {"left": 0, "right": 1}
 CELL_PRESSURE_LIMIT = 65534 * 10.0  # Pa, largest encodable pressure
@@ -119,7 +120,7 @@ class Insole(StreamDevice):
         super().configure()
         ends = self.regions_at
         if (
-            not isinstance(ends, tuple)
+            not is_tuple(ends)
             or not all(isinstance(x, float) and 0.0 < x < 1.0 for x in ends)
             or list(ends) != sorted(set(ends))
         ):

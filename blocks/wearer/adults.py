@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -47,17 +47,19 @@ def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any
         return list(entries)
     while True:
         adults = [adult(entry, scores @ COMPONENTS[: len(scores)]) for entry in entries]
-        if (
-            not isinstance(person, (int, float, np.integer))
-            or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT
-        ):
+        if not is_seed(person) or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT:
             return adults
         scores = 0.9 * scores
 
 
+def is_seed(person: object) -> TypeGuard[float]:
+    """Return whether an adult is stated by a seed."""
+    return isinstance(person, (int, float, np.integer))
+
+
 def scores_of(person: Any) -> Real:
     """Return the scores of an adult. person : as in `family`. ValueError"""
-    if isinstance(person, (int, float, np.integer)):
+    if is_seed(person):
         if not 0 <= person < 2**32 or person != int(person):
             raise ValueError(f"person must be a whole number from 0 to {2**32 - 1} or scores, got {person!r}")
         if not person:

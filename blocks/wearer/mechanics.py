@@ -77,7 +77,8 @@ def inverse_dynamics(
     lengths = THIGH_LENGTH, SHANK_LENGTH, FOOT_LENGTH
     places = [THIGH[1] * lengths[0], SHANK[1] * lengths[1], 1j * (FOOT[1] * FOOT_LENGTH + HEEL) + 0.5 * ANKLE_HEIGHT]
     pressed = joints[2] + down[2] * (1j * (centre * FOOT_LENGTH + HEEL) + ANKLE_HEIGHT)
-    torques, demands = [], []
+    torques: list[Real] = []
+    demands: list[tuple[Complex, Complex, Real]] = []
     for n in (2, 1, 0):
         share, _, gyration = (THIGH, SHANK, FOOT)[n]
         place = joints[n] + places[n] * down[n]

@@ -15,10 +15,12 @@ the walk also standard deviations between adults, of the angles over the stride 
 COMPONENTS has what deviates together, the largest first, as weights of adults.py per standard deviation.
 """
 
+from typing import Any
+
 BODY_HEIGHT = 1.7  # m
 
 # fmt: off
-MOTIONS = {
+MOTIONS: dict[str, tuple[dict[str, Any], ...]] = {
     "walk": (
         {
             "speed": 0.851809,

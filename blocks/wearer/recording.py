@@ -175,7 +175,7 @@ def column(table: Table, *names: str) -> Real:
     values = table.column(*names, empty=np.nan)
     missing = np.flatnonzero(~np.isfinite(values))
     if len(missing):
-        name, line = table.names[table.index(*names)], table.rows[missing[0]][0]
+        name, line = table.names[table.index(*names)], table.rows[int(missing[0])][0]
         raise ValueError(
             f"{table.file}: column {name!r} has no value in {len(missing)} of {len(values)} rows, "
             f"first in line {line}: fill the gaps"
@@ -299,9 +299,10 @@ def strides_of(strikes: np.ndarray, count: int, dt: float) -> Strides:
 def half_a_stride_later(leg: Leg, strides: Strides) -> tuple[Leg, Strides]:
     """Return the other leg of a recording that has one: the same half a stride later."""
     phase, count = strides.phase, len(strides.phase)
-    if phase[-1] == phase[0]:
+    start, end = float(phase[0]), float(phase[-1])
+    if start == end:
         return leg, strides
-    later = phase[0] + (phase + 0.5 - phase[0]) % (phase[-1] - phase[0])
+    later = start + (phase + 0.5 - start) % (end - start)
     at = np.interp(later, phase, np.arange(count))
     whole = np.minimum(at.astype(int), count - 2)
 

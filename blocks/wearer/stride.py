@@ -7,6 +7,7 @@ coefficients of sin(k π s), that of the centre of pressure 1 and s before them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def centre_basis(stance: Real) -> Real:
     return np.column_stack([np.ones_like(stance), stance, waves])
 
 
-def ground(entry: dict, phase: Real) -> tuple[Complex, Real]:
+def ground(entry: dict[str, Any], phase: Real) -> tuple[Complex, Real]:
     """Return (force forward + i up in body weights, centre of pressure in foot lengths) of a foot at phases, 0 to 1."""
     stance = phase / entry["foot_off"]
     waves = sines(stance, FORCE_SINES)
@@ -92,7 +93,7 @@ def pelvis(
     return np.concatenate([[height.mean()], packed(up)]), packed(rates / turn), rise
 
 
-def moments(entry: dict, body_height: float) -> list[Real]:
+def moments(entry: dict[str, Any], body_height: float) -> list[Real]:
     """Return the series of the torques of hip, knee and ankle in N·m/kg that move the legs as the entry states."""
     curves = [values(each) for each in entry["angles"]]
     force, centre = ground(entry, PHASES)

@@ -54,7 +54,7 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
     cadence = 0.5 + 0.5 * u
     amplitude = u / cadence
     pitch = entry["pelvis_pitch"]
-    stand = {
+    stand: dict[str, Any] = {
         "angles": (-pitch, STANDING_KNEE, STANDING_KNEE),
         "moments": (0.0, 0.0, STANDING_ANKLE_MOMENT),
         "centre": (STANDING_CENTRE,),
@@ -62,14 +62,16 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
         "pelvis_forward": (),
     }
 
-    def towards(target, curve):
+    def towards(target: Sequence[float], curve: Sequence[float]) -> np.ndarray:
         still = np.zeros(len(curve))
         still[: len(target)] = target
         return still + amplitude * (np.array(curve) - still)
 
-    scaled = {name: towards(target, entry[name]) for name, target in stand.items() if name not in ("angles", "moments")}
-    for name in ("angles", "moments"):
-        scaled[name] = [towards((still,), curve) for still, curve in zip(stand[name], entry[name])]
+    scaled: dict[str, Any] = {}
+    for name, target in stand.items():
+        curves = entry[name]
+        three = name in ("angles", "moments")
+        scaled[name] = [towards((a,), b) for a, b in zip(target, curves)] if three else towards(target, curves)
     foot_off = entry["foot_off"] + 0.6 * (1.0 - u) ** 2 * (1.0 - entry["foot_off"])
     vertical = shared(entry, foot_off, u * cadence)
     scaled["vertical"], scaled["forward"] = balanced(vertical, amplitude * np.array(entry["forward"]), foot_off)
@@ -119,9 +121,10 @@ def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray,
 
 def speed_of(stride_time: float, speeds: np.ndarray, cubics: np.ndarray) -> float:
     """Return the speed in m/s of strides of a duration in s, within the range of the table."""
-    steps = [np.linspace(0.0, length, 100) for length in np.diff(speeds)]
+    steps: list[np.ndarray] = [np.linspace(0.0, length, 100) for length in np.diff(speeds)]
     at = np.concatenate([begin + x for begin, x in zip(speeds, steps)])
-    frequencies = np.concatenate([np.polyval(piece[::-1, 0], x) for piece, x in zip(cubics, steps)])
+    values: list[np.ndarray] = [np.polyval(piece[::-1, 0], x) for piece, x in zip(cubics, steps)]
+    frequencies = np.concatenate(values)
     return float(np.interp(1.0 / stride_time, frequencies, at))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -29,6 +30,28 @@ MUSCLES = (
 GAIN_DEVIATIONS = (0.027, 0.014, 0.05)
 OFFSET_DEVIATIONS = (0.0122, 0.0094, 0.0120)  # rad
 STRIDE_TIME_DEVIATION = 0.012
+
+
+def ports_of_legs() -> Iterator[tuple[str, Input | Output]]:
+    """Yield the name and the declaration of each port of a leg, inputs first."""
+    for side in SIDES:
+        for joint, name in JOINTS.items():
+            yield f"{side}_{joint}_assistance", Input("N·m", f"torque of the robot, positive in {name}", default=0.0)
+    for side in SIDES:
+        for joint, name in JOINTS.items():
+            yield f"{side}_{joint}_angle", Output("rad", f"{side} {name}")
+            yield f"{side}_{joint}_velocity", Output("rad/s", f"velocity of {side} {name}")
+            yield f"{side}_{joint}_acceleration", Output("rad/s²", f"acceleration of {side} {name}")
+            yield f"{side}_{joint}_torque", Output("N·m", f"torque of the muscles in {side} {name}")
+            yield f"{side}_{joint}_power", Output("W", f"power of the muscles in {side} {name}")
+        for segment in SEGMENTS:
+            yield f"{side}_{segment}_pitch", Output("rad", f"pitch of the {side} {segment}, 0 in a straight stand")
+        for segment, joint in SEGMENTS.items():
+            yield f"{side}_{segment}_motion", Output("any", MOTION.format(f"the {side} {joint}"), shape=(9,))
+        yield f"{side}_ground_force", Output("N", f"ground force on the {side} foot, forward and up", shape=(2,))
+        yield f"{side}_centre_of_pressure", Output("m", f"centre of pressure from the heel of the {side} foot")
+        yield f"{side}_contact", Output("1", f"true if the {side} foot bears 3 % of the weight or more", dtype=bool)
+        yield f"{side}_phase", Output("1", f"gait phase of the {side} leg, 0 at heel strike", circle=(0, 1))
 
 
 class Walker(Block):
@@ -103,29 +126,7 @@ class Walker(Block):
         file=True,
     )
 
-    for side in SIDES:
-        for joint, name in JOINTS.items():
-            locals()[f"{side}_{joint}_assistance"] = Input(
-                "N·m", f"torque of the robot, positive in {name}", default=0.0
-            )
-    for side in SIDES:
-        for joint, name in JOINTS.items():
-            locals()[f"{side}_{joint}_angle"] = Output("rad", f"{side} {name}")
-            locals()[f"{side}_{joint}_velocity"] = Output("rad/s", f"velocity of {side} {name}")
-            locals()[f"{side}_{joint}_acceleration"] = Output("rad/s²", f"acceleration of {side} {name}")
-            locals()[f"{side}_{joint}_torque"] = Output("N·m", f"torque of the muscles in {side} {name}")
-            locals()[f"{side}_{joint}_power"] = Output("W", f"power of the muscles in {side} {name}")
-        for segment in SEGMENTS:
-            locals()[f"{side}_{segment}_pitch"] = Output("rad", f"pitch of the {side} {segment}, 0 in a straight stand")
-        for segment, joint in SEGMENTS.items():
-            locals()[f"{side}_{segment}_motion"] = Output("any", MOTION.format(f"the {side} {joint}"), shape=(9,))
-        locals()[f"{side}_ground_force"] = Output("N", f"ground force on the {side} foot, forward and up", shape=(2,))
-        locals()[f"{side}_centre_of_pressure"] = Output("m", f"centre of pressure from the heel of the {side} foot")
-        locals()[f"{side}_contact"] = Output(
-            "1", f"true if the {side} foot bears 3 % of the weight or more", dtype=bool
-        )
-        locals()[f"{side}_phase"] = Output("1", f"gait phase of the {side} leg, 0 at heel strike", circle=(0, 1))
-    del side, joint, segment, name
+    locals().update(ports_of_legs())
     pelvis_motion = Output("any", MOTION.format("the hips"), shape=(9,))
     walking_speed = Output("m/s", "walking speed of the schedule")
 

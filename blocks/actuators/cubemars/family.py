@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames, models, models_v3, queries, set_up
@@ -19,6 +20,7 @@ from graph.family import Benchmark, Drive, Family, Query, StopQuery, Table
 
 if TYPE_CHECKING:
     from blocks.actuators.cubemars.models import Model
+    from graph.dialogue import Dialogue
     from graph.family import Answer, Request
 
 
@@ -84,7 +86,7 @@ class CubeMarsFamily(Family):
         read = queries.status_of(can_id, model)
         return (
             StopQuery(None, read),
-            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state(*frame, can_id=can_id, model=model)),
+            StopQuery(disable_in_mit_mode(can_id), partial(queries.state, can_id=can_id, model=model)),
             StopQuery(queries.disable_v3(can_id), read),
         )
 
@@ -101,7 +103,7 @@ class CubeMarsFamily(Family):
         if refused:
             raise Rejected(f"{refused[0]}: {set_up.VENDOR_PROGRAM}")
 
-    def set_up(self, request: Request) -> Iterator[Any]:
+    def set_up(self, request: Request) -> Dialogue:
         return set_up.set_up(request)
 
 

@@ -73,10 +73,10 @@ class Model(Motor):
     peak: float
     wire_torque: float
     wire_velocity: float
-    gear: int
+    gear: float
     motor_constant: float  # N·m/A, of the product page's RMS amperes
-    rated_rms_current: float
-    peak_rms_current: float
+    rated_rms_current: float | None
+    peak_rms_current: float | None
     pole_pairs: int
     supply: tuple[float, float]
     supply_note: str = ""
@@ -161,7 +161,7 @@ def generation_hint(newest: str, older: str | None) -> str:
     )
 
 
-def _same_motor(motor):
+def _same_motor(motor: str) -> str:
     """Return the suggestion for a motor with another known name, or "".
 
     A similar spelling may be a motor of another size.

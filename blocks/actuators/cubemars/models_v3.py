@@ -42,7 +42,7 @@ class Model(models.Motor):
     peak: float | None
     wire_torque: float
     wire_velocity: float
-    gear: int
+    gear: float
     torque_constant: float
     rated_rms_current: float | None
     peak_rms_current: float | None

@@ -51,7 +51,7 @@ def states(
     received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
 ) -> list[Answer]:
     """Return the Answers to the query of MIT mode, one for each id."""
-    drives = []
+    drives: list[Answer] = []
     for can_id in can_ids:
         answers = [answer for frame in received if (answer := state(*frame, can_id=can_id)) is not None]
         drives += one_of(answers, can_id, any(state(*frame, can_id=can_id) for frame in before))
@@ -111,8 +111,8 @@ def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> A
 def status_of(can_id: int, model: Motor | None = None) -> Callable[..., Any]:
     """Return a reader of the reports of one drive."""
 
-    def read(*frame):
-        answer = status(*frame, model=model)
+    def read(identifier: int, extended: bool, data: bytes) -> Answer | None:
+        answer = status(identifier, extended, data, model)
         return answer if answer is not None and answer.can_id == can_id else None
 
     return read
@@ -120,7 +120,7 @@ def status_of(can_id: int, model: Motor | None = None) -> Callable[..., Any]:
 
 def reports(received: Sequence[tuple[int, bool, bytes]]) -> dict[int, Answer]:
     """Return {id: newest Answer} of drives that report: that of a V3.0 board to a disable before any other."""
-    newest = {}
+    newest: dict[int, Answer] = {}
     for frame in received:
         answer = status(*frame)
         if answer is not None and answer.can_id != NO_ID and getattr(newest.get(answer.can_id), "family", "") != V3:

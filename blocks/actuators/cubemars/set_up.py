@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames, queries
 from blocks.actuators.mit_frames import SET_ZERO
 from blocks.actuators.queries import disable_in_mit_mode
-from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Show, ask
+from graph.dialogue import Confirm, Dialogue, Frame, Listen, Rejected, Send, Show, ask
 from graph.family import Answer
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Target:
 
     answer: Answer
     query: Callable[[], Dialogue]
-    frame: tuple
+    frame: Frame
 
 
 def set_up(request: Request) -> Dialogue:
@@ -49,7 +50,7 @@ def set_up(request: Request) -> Dialogue:
         if (yield from ask(disable_in_mit_mode(request.can_id), "disable", read, attempts=1)) is None:
             return None
         raise Rejected(f"id {request.can_id}: {VENDOR_PROGRAM}")
-    target = yield from find(request.can_id, request.save)
+    target: Target | None = yield from find(request.can_id, request.save)
     if target is None:
         return None
     family, in_mit_mode = target.answer.family, target.answer.family == queries.MIT
@@ -65,32 +66,34 @@ def set_up(request: Request) -> Dialogue:
         return True
     yield Send(target.frame, "set zero")
     yield Listen(QUERY_TIME)
-    after = None
+    after: Answer | None = None
     for _ in range(round(SILENT_TIME / QUERY_TIME)):
-        if (after := (yield from target.query())) is not None:
+        after = yield from target.query()
+        if after is not None:
             break
-    confirmed = after is not None and abs(after.position) < ZERO_TOLERANCE
-    reported = "not reported" if after is None else f"{after.position:.4f} rad"
+    position = None if after is None else after.position
+    confirmed = position is not None and abs(position) < ZERO_TOLERANCE
+    reported = "not reported" if position is None else f"{position:.4f} rad"
     yield Show((f"done: position is {reported}" if confirmed else f"NOT done: position is {reported}",))
     return confirmed
 
 
 def reader(can_id: int) -> Callable[..., Any]:
     """Return a function that reads the state of a drive from a frame, for `graph.dialogue.ask`."""
-    return lambda *frame: queries.state(*frame, can_id=can_id)
+    return partial(queries.state, can_id=can_id)
 
 
 def find(can_id: int, permanent: bool) -> Dialogue:
     """Return the Target of an id, None where no CubeMars drive responds."""
 
-    def report():
+    def report() -> Dialogue:
         return queries.reports((yield Listen(QUERY_TIME))).get(can_id)
 
-    def state():
+    def state() -> Dialogue:
         frame = disable_in_mit_mode(can_id)
         return (yield from ask(frame, "disable", reader(can_id), timeout=QUERY_TIME, attempts=1))
 
-    def echo():
+    def echo() -> Dialogue:
         yield Send(queries.disable_v3(can_id), queries.V3_PURPOSE)
         return queries.reports((yield Listen(QUERY_TIME))).get(can_id)
 

@@ -67,7 +67,7 @@ class Reporting:
         """Return how the drive answers commands, or reports instead."""
         return CommandReplies(self.max_transit, self.report_rate, self.restart_time)
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float | None) -> None:
         """Compute the reports in a tick. dt : s"""
         self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 

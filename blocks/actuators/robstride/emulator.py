@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable
-from typing import Any
 
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.robstride import frames, models, parameters
@@ -86,17 +85,17 @@ class EmulatedRobStride(Emulated, Device):
         if self.left_velocity:  # the defaults are those after the next power cycle
             running = values | {frames.RUN_MODE: 2.0, frames.SPD_REF: self.left_velocity}
             self.registers = tuple(running.get(0x7000 + place, 0.0) for place in range(64))
-            self.state = (1.0, *tuple(self.state)[1:])  # pyright: ignore[reportArgumentType]
+            self.state = (1.0, *tuple(self.state)[1:])
         self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant)
 
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))
 
-    def own_gains(self, is_cybergear: bool) -> dict[Any, Any]:
+    def own_gains(self, is_cybergear: bool) -> dict[int, float]:
         """Return {index: value} of `gains`.
 
         Raises ValueError for a parameter that the drive does not have or that is read-only.
         """
-        values = {}
+        values: dict[int, float] = {}
         for name, value in self.gains:
             parameter = parameters.find(name)
             if not parameter.writable or (is_cybergear and not parameter.cybergear):

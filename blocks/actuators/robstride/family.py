@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
 from blocks.actuators.ranges import unit_of
@@ -14,6 +14,7 @@ from graph.family import Drive, Family, Query, StopQuery, Table
 
 if TYPE_CHECKING:
     from blocks.actuators.robstride.models import Model
+    from graph.dialogue import Dialogue
     from graph.family import Request
 
 
@@ -52,8 +53,7 @@ class RobStrideFamily(Family):
     def stop_query_in_mit_mode(self, can_id: int, model: Model | None, host: int | None = None) -> StopQuery:
         """Return the StopQuery of a drive in the MIT protocol. host : id from which it replies, None if unknown"""
         return StopQuery(
-            disable_in_mit_mode(can_id),
-            lambda *frame: queries.state_in_mit_mode(*frame, can_id=can_id, model=model, host=host),
+            disable_in_mit_mode(can_id), partial(queries.state_in_mit_mode, can_id=can_id, model=model, host=host)
         )
 
     def stop_query(self, block: RobStride | RobStrideMIT) -> StopQuery:
@@ -65,7 +65,7 @@ class RobStrideFamily(Family):
     def check(self, request: Request) -> None:
         set_up.check(request)
 
-    def set_up(self, request: Request) -> Iterator[Any]:
+    def set_up(self, request: Request) -> Dialogue:
         return set_up.set_up(request)
 
 

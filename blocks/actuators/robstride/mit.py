@@ -89,7 +89,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             (frames.RUN_MODE, 0.0),
         ]
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float | None) -> None:
         if dt is not None and 0.0 < self.can_timeout < 3.0 * dt:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than three ticks of {dt:g} s: the drive would stop "
@@ -203,7 +203,7 @@ class EmulatedRobStrideMIT(Emulated, Device):
         self.ignored = ignored_of(self.ignores)
         if self.left_velocity:
             self.registers = tuple(2.0 * (0x7000 + place == frames.RUN_MODE) for place in range(64))
-            self.state = (1.0, *tuple(self.state)[1:])  # pyright: ignore[reportArgumentType]
+            self.state = (1.0, *tuple(self.state)[1:])
 
     def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]

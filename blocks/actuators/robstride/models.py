@@ -138,5 +138,5 @@ def find(name: str) -> Model:
     raise ValueError(f"{name!r} is not a RobStride model{hint}")
 
 
-def _plain(name):
+def _plain(name: str) -> str:
     return "".join(letter for letter in str(name).upper() if letter.isalnum())

@@ -186,7 +186,7 @@ class RobStride(Joint, Actuator):
             torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE,
         )
 
-    def prepare(self, dt: float) -> None:
+    def prepare(self, dt: float | None) -> None:
         if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.spec.own_timeout:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop "

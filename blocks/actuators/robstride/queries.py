@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import one_of, same_id, symmetric
@@ -171,7 +172,7 @@ def states_in_mit_mode(
     """
     unasked = {frame[:2] for frame in before}
     replies = [frame for frame in received if frame[:2] not in unasked]
-    found = []
+    found: list[Answer] = []
     for can_id in can_ids:
         answers = [answer for frame in replies if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
         found += one_of(answers, can_id)
@@ -187,7 +188,7 @@ def drives(
     received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
 ) -> list[Answer]:
     """Return an Answer for each id with an identity."""
-    found = []
+    found: list[Answer] = []
     for can_id in can_ids:
         unique = [number for frame in received if (number := identity(*frame, can_id=can_id)) is not None]
         if unique:
@@ -206,10 +207,7 @@ def details(answer: Answer) -> Dialogue:
         silent = "it does not answer a stop: temperature and faults are not known"
         found = Answer(EITHER, can_id, remarks=[silent], block="RobStride")
     found.unique = answer.unique
-
-    def read_firmware(*frame):
-        return firmware(*frame, can_id=can_id)
-
+    read_firmware = partial(firmware, can_id=can_id)
     found.firmware = (yield from ask(version(can_id), "stop and version of RobStride drives", read_firmware)) or ""
     found.family = ROBSTRIDE if found.firmware else EITHER
     for name, key in (("mechPos", "position"), ("mechVel", "velocity"), ("VBUS", "voltage")):
@@ -221,10 +219,7 @@ def details(answer: Answer) -> Dialogue:
 
 def value(can_id: int, parameter: Parameter, is_cybergear: bool = False) -> Dialogue:
     """Dialogue that returns the value of a parameter, None if the drive does not return it."""
-
-    def read_value(*frame):
-        return reading(*frame, index=parameter.index, can_id=can_id)
-
+    read_value = partial(reading, index=parameter.index, can_id=can_id)
     answer = yield from ask(read(parameter.index, can_id), "readings of RobStride drives", read_value)
     return parameter.value_of(answer[1], is_cybergear) if answer and answer[0] else None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import disable_in_mit_mode
@@ -45,7 +46,7 @@ def reads(request: Request) -> list[Parameter]:
 
 def writes(request: Request) -> list[tuple[Parameter, float]]:
     """Return [(Parameter, number)] of the texts NAME=VALUE."""
-    found = []
+    found: list[tuple[Parameter, float]] = []
     for text in request.writes:
         name, equals, value = text.partition("=")
         if not equals:
@@ -109,10 +110,7 @@ def switch_back(can_id: int) -> Dialogue:
 
 def in_mit_mode(can_id: int, attempts: int = 2) -> Dialogue:
     """Return the state of a drive in MIT mode, which this disables; None if it does not reply."""
-
-    def read(*frame):
-        return queries.state_in_mit_mode(*frame, can_id=can_id)
-
+    read = partial(queries.state_in_mit_mode, can_id=can_id)
     return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=attempts))
 
 
@@ -154,14 +152,15 @@ class Drive:
         yield from self.refuse_running()
         yield from self.stop()
         yield from self.check(request)
-        wanted, before = writes(request), {}
+        wanted = writes(request)
+        before: dict[str, float | None] = {}
         for parameter, _ in wanted:
             before[parameter.name] = yield from self.read(parameter.name)
         position = (yield from self.read("mechPos")) if request.zero else None
         yield Show(tuple(self.planned(request, wanted, before, position)))
         if not (yield Confirm("apply these changes")):
             return True
-        done = []
+        done: list[bool] = []
         for parameter, value in wanted:
             done.append((yield from self.write(parameter, value)))
         for asked, change in (
@@ -194,10 +193,7 @@ class Drive:
         answer = yield from ask(queries.stop(self.can_id), "stop", queries.feedback_of(self.can_id))
         if answer is None or answer.enabled:
             raise Rejected(f"id {self.can_id} does not confirm that it has stopped; nothing was changed")
-
-        def read(*frame):
-            return queries.firmware(*frame, can_id=self.can_id)
-
+        read = partial(queries.firmware, can_id=self.can_id)
         self.is_robstride = bool((yield from ask(queries.version(self.can_id), "stop and version", read)))
 
     def check(self, request: Request) -> Dialogue:
@@ -218,7 +214,7 @@ class Drive:
     def is_taken(self, can_id: int) -> Dialogue:
         """Return whether any drive in MIT mode has an id."""
 
-        def read(identifier, extended, data):
+        def read(_: int, extended: bool, data: bytes) -> bool | None:
             return True if not extended and len(data) in (6, 7, 8) and data[0] == can_id else None
 
         return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=1)) is not None
@@ -236,12 +232,12 @@ class Drive:
         self,
         request: Request,
         wanted: Sequence[tuple[Parameter, float]],
-        before: dict[str, float],
+        before: dict[str, float | None],
         position: float | None,
     ) -> list[str]:
         """Return lines with the present and the new values."""
 
-        def now(value, parameter):
+        def now(value: float | None, parameter: Parameter) -> str:
             return "not reported" if value is None else parameter.text(value)
 
         lines = [

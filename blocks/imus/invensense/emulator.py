@@ -60,11 +60,11 @@ class _Emulated(I2cDevice):
     known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips
 
     @classmethod
-    def of(cls, imu, **parameters):
+    def of(cls, imu: InvenSense, **parameters: Any) -> Any:
         """Return the emulator of a robot's block."""
         return cls(**{name: getattr(imu, name) for name in cls.parameters if name in type(imu).parameters} | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.identity = self.own_identity()
         self.scales = self.scales_of()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -97,7 +98,7 @@ class InvenSense(I2cDevice):
         return min(self.rate, MAG_RATE) if self.magnetometer else 0.0
 
     def output_range(self) -> dict[str, Interval]:
-        def reach(map, most):
+        def reach(map: Sequence[float], most: float) -> float:
             matrix, offset = np.reshape(map[:9], (3, 3)), np.array(map[9:])
             return float(np.max(np.abs(matrix) @ (most + np.abs(offset))))
 

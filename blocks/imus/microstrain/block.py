@@ -234,7 +234,8 @@ class MicroStrain(StreamDevice):
             CHANNELS[self.attitude]["euler"]: ANGLES,
             **dict.fromkeys(TIMES, CLOCK),
         }
-        rows, index = [], [0.0] * 768
+        rows: list[float] = []
+        index = [0.0] * 768
         asked = {field.name for field in self.fields}
         for field in FIELDS:
             if field.name not in asked and field.name not in TIMES:

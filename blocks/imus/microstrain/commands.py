@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from blocks.imus.microstrain import mip
@@ -12,7 +11,7 @@ from graph.dialogue import Rejected
 
 if TYPE_CHECKING:
     from blocks.imus.microstrain.descriptors import Field
-    from graph.dialogue import Exchange
+    from graph.dialogue import Dialogue
 
 GENERIC_FORMAT = 0x0C0F
 VENDOR_PROGRAM = "MicroStrain's program SensorConnect shows which settings the sensor accepts"
@@ -29,18 +28,20 @@ class Commands:
     def __init__(self, device: Any, known: set[int]) -> None:
         self.device, self.known = device, known
         self.newer = GENERIC_FORMAT in known
-        self.messages, self.remarks, self.settings = [mip.command(mip.BASE, mip.IDLE)], [], {}
+        self.messages = [mip.command(mip.BASE, mip.IDLE)]
+        self.remarks: list[str] = []
+        self.settings: dict[str, str] = {}
 
     def has(self, field: Field) -> bool:
         """Return whether the sensor can send a field."""
         return is_known(field, self.known)
 
-    def apply(self, packet: bytes, what: str) -> Iterator[Exchange]:
+    def apply(self, packet: bytes, what: str) -> Dialogue:
         """Send a setting, and keep it for a reconnect."""
         yield from self.ask(packet, what)
         self.messages.append(packet)
 
-    def read(self, command: int, reply: int, *selector: int, required: bool) -> Iterator[Exchange]:
+    def read(self, command: int, reply: int, *selector: int, required: bool) -> Dialogue:
         """Return the data of a setting.
 
         selector : bytes that name it; required : whether the block sets it, so that a sensor that does not return it is
@@ -64,7 +65,7 @@ class Commands:
             self.refuse(f"its {what} was set to {wanted}, but reads back as {found}", VENDOR_PROGRAM)
         self.settings[what] = found
 
-    def ask(self, packet: bytes, what: str) -> Iterator[Exchange]:
+    def ask(self, packet: bytes, what: str) -> Dialogue:
         """Send a packet and return the reply. Raises Rejected if the sensor refuses it.
 
         what : name of the packet, for the message

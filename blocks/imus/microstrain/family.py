@@ -2,7 +2,6 @@
 
 import random
 import struct
-from typing import Any
 
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.block import MicroStrain
@@ -12,14 +11,14 @@ from graph.family import Benchmark, Family
 CHUNK = 64  # bytes of a frame of a run
 
 
-def stream(samples: Any, rate: Any) -> Any:
+def stream(samples: int, rate: float) -> bytes:
     """Return bytes as a sensor sends them: for each sample a packet of its sensors and one of its filter."""
     chance = random.Random(1)
 
-    def floats(count):
+    def floats(count: int) -> bytes:
         return struct.pack(f">{count}f", *(chance.gauss(0.0, 1.0) for _ in range(count)))
 
-    packets = []
+    packets: list[bytes] = []
     for number in range(samples):
         when = struct.pack(">dHH", 1000.0 + number / rate, 0, 1)
         packets.append(
@@ -29,9 +28,10 @@ def stream(samples: Any, rate: Any) -> Any:
     return b"".join(packets)
 
 
-def parse(data: Any) -> Any:
+def parse(data: bytes) -> dict[str, list[float]]:
     """Decode such bytes in Python, in the chunks in which a run receives them; return the last packet's values."""
-    rest, values = b"", {}
+    rest = b""
+    values: dict[str, list[float]] = {}
     for at in range(0, len(data), CHUNK):
         packets, rest, _ = mip.split(rest + data[at : at + CHUNK])
         for packet in packets:

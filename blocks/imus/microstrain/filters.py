@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from blocks.imus.microstrain import mip, mounting
@@ -22,7 +22,7 @@ from blocks.imus.microstrain.queries import Refusal, ask
 
 if TYPE_CHECKING:
     from blocks.imus.microstrain.commands import Commands
-    from graph.dialogue import Exchange
+    from graph.dialogue import Dialogue
 
 HEADING, MEASUREMENT, MAGNETIC_FIELD = 0x0D18, 0x0D50, 0x8006
 INVALID_PARAMETER = 3  # of an acknowledgement
@@ -36,7 +36,7 @@ SAME = 0.01  # relative difference of a cut-off or time constant that counts as 
 SAME_ANGLE = 1e-3  # rad
 
 
-def heading(sensor: Commands) -> Iterator[Exchange]:
+def heading(sensor: Commands) -> Dialogue:
     """Select the heading source of the estimation filter. Raises Rejected if it cannot use a magnetometer."""
     wanted = sensor.device.heading
     magnetic = wanted == "magnetometer"
@@ -66,7 +66,7 @@ def heading(sensor: Commands) -> Iterator[Exchange]:
         sensor.confirm("heading source", wanted in ("", found), found, wanted)
 
 
-def measure(sensor: Commands, magnetic: bool) -> Iterator[Exchange]:
+def measure(sensor: Commands, magnetic: bool) -> Dialogue:
     """Set whether the filter of the newer generation uses the magnetometer, as in MicroStrain's own examples.
 
     A sensor without a magnetometer rejects the source as unknown, which has the same effect as disabling it. Returns
@@ -83,7 +83,7 @@ def measure(sensor: Commands, magnetic: bool) -> Iterator[Exchange]:
     return True
 
 
-def complementary(sensor: Commands) -> Iterator[Exchange]:
+def complementary(sensor: Commands) -> Dialogue:
     """Set the corrections of the complementary filter; those that the block does not set keep their values."""
     device = sensor.device
     wanted = (device.up_compensation, device.north_compensation)
@@ -123,7 +123,7 @@ def correction(constant: float | None) -> str:
     return f"{constant:g} s" if constant else "off"
 
 
-def mount(sensor: Commands) -> Iterator[Exchange]:
+def mount(sensor: Commands) -> Dialogue:
     """Set the angles of the sensor relative to the vehicle. Raises Rejected if its attitude would not follow them."""
     wanted = sensor.device.sensor_to_vehicle
     newer = TRANSFORMATION in sensor.known
@@ -156,7 +156,7 @@ def in_degrees(angles: tuple[float, ...]) -> str:
     return f"roll, pitch, yaw {', '.join(f'{round(math.degrees(angle), 2) + 0.0:g}' for angle in angles)}°"
 
 
-def low_pass(sensor: Commands) -> Iterator[Exchange]:
+def low_pass(sensor: Commands) -> Dialogue:
     """Set the low-pass of the requested channels that have one."""
     device = sensor.device
     is_set = device.low_pass > 0.0 or bool(device.anti_aliasing)
@@ -194,4 +194,4 @@ def pass_band(enabled: bool, manual: bool, cutoff: float) -> str:
     return "off" if not enabled else f"{cutoff:g} Hz" if manual else "half the sample rate"
 
 
-SETTINGS: tuple[Callable[[Commands], Iterator[Exchange]], ...] = (heading, complementary, mount, low_pass)
+SETTINGS: tuple[Callable[[Commands], Dialogue], ...] = (heading, complementary, mount, low_pass)

@@ -4,7 +4,6 @@ A run reads them natively (cext/kernels/devices/microstrain/mip.pyx).
 """
 
 import struct
-from typing import Any
 
 from blocks.imus.microstrain.descriptors import field_of
 
@@ -32,7 +31,8 @@ def packet(descriptor_set: int, *fields: tuple[int, bytes]) -> bytes:
 
 def fields(packet: bytes) -> list[tuple[int, bytes]]:
     """Return (descriptor, data) of each field; [] for a packet with inconsistent lengths."""
-    found, at, end = [], 4, 4 + packet[3]
+    found: list[tuple[int, bytes]] = []
+    at, end = 4, 4 + packet[3]
     while at < end:
         length = packet[at]
         if length < 2 or at + length > end:
@@ -44,7 +44,8 @@ def fields(packet: bytes) -> list[tuple[int, bytes]]:
 
 def split(data: bytes) -> tuple[list[bytes], bytes, int]:
     """Return (valid packets, remaining bytes, which may begin another packet, number of corrupt packets)."""
-    found, at, corrupt = [], 0, 0
+    found: list[bytes] = []
+    at, corrupt = 0, 0
     while True:
         begin = data.find(SYNC[:1], at)
         if begin < 0:
@@ -64,9 +65,9 @@ def split(data: bytes) -> tuple[list[bytes], bytes, int]:
             at += 1
 
 
-def decode(packet: Any) -> Any:
+def decode(packet: bytes) -> dict[str, list[float]]:
     """Return {name: list of values in SI} of a data packet, with the names of blocks.imus.microstrain.descriptors."""
-    found = {}
+    found: dict[str, list[float]] = {}
     for descriptor, data in fields(packet):
         field = field_of(packet[2], descriptor)
         values = field.decode(data) if field is not None else None

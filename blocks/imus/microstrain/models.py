@@ -104,8 +104,8 @@ class Model(Struct, frozen=True):
     number: str
     newer: bool
     base_rate: float
-    commands: tuple
-    data: tuple
+    commands: tuple[int, ...]
+    data: tuple[int, ...]
 
     @property
     def settings(self) -> tuple[Setting, ...]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from blocks.imus.microstrain import mip
-from graph.dialogue import Exchange, NoReply
+from graph.dialogue import Dialogue, Exchange, NoReply
 
 TEXT = 16  # characters of each text in the device information, right-justified
 REPLY_TIMEOUT = 0.25  # s
@@ -57,7 +56,7 @@ class Information:
         return QUESTION, bytes((2 + len(self.raw), ANSWER)) + self.raw
 
 
-def ask(packet: bytes, attempts: int = ATTEMPTS, timeout: Any = REPLY_TIMEOUT) -> Iterator[Exchange]:
+def ask(packet: bytes, attempts: int = ATTEMPTS, timeout: Any = REPLY_TIMEOUT) -> Dialogue:
     """Send a packet of one command; return {descriptor: data} of the fields beside its acknowledgement.
 
     Raises NoReply, Refusal.
@@ -80,7 +79,7 @@ def ask(packet: bytes, attempts: int = ATTEMPTS, timeout: Any = REPLY_TIMEOUT) -
     raise NoReply
 
 
-def identify(attempts: int = ATTEMPTS) -> Iterator[Exchange]:
+def identify(attempts: int = ATTEMPTS) -> Dialogue:
     """Return the Information of a sensor, and leave it idle. Raises NoReply."""
     with suppress(Refusal):
         yield from ask(mip.command(mip.BASE, mip.IDLE), attempts)
@@ -89,9 +88,9 @@ def identify(attempts: int = ATTEMPTS) -> Iterator[Exchange]:
     return Information.of((yield from ask(QUESTION)).get(ANSWER, b""))
 
 
-def known_commands() -> Iterator[Exchange]:
+def known_commands() -> Dialogue:
     """Return the commands and data of a sensor: sets and descriptors in one number each."""
-    numbers = set()
+    numbers: set[int] = set()
     for command, reply in ((mip.DESCRIPTORS, 0x82), (mip.MORE_DESCRIPTORS, 0x86)):
         if command == mip.MORE_DESCRIPTORS and mip.BASE << 8 | command not in numbers:
             break

@@ -11,7 +11,7 @@ for all (0C 0F) and calls a stream by its set. The messages that were sent are s
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from blocks.imus.microstrain import mip
@@ -21,14 +21,14 @@ from blocks.imus.microstrain.filters import SETTINGS
 from blocks.imus.microstrain.queries import known_commands
 
 if TYPE_CHECKING:
-    from graph.dialogue import Exchange
+    from graph.dialogue import Dialogue
 
 GENERIC_BASE_RATE = 0x0C0E
 # commands format and base rate, its reply, stream
 LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}
 
 
-def set_up(device: Any) -> Iterator[Exchange]:
+def set_up(device: Any) -> Dialogue:
     """Configure a sensor for a MicroStrain block; return (messages sent, remarks for the operator, settings read back).
 
     Raises Rejected, NoReply, Refusal.
@@ -41,7 +41,7 @@ def set_up(device: Any) -> Iterator[Exchange]:
 class SetUp(Commands):
     """The set-up of a sensor for a MicroStrain block."""
 
-    def send(self) -> Iterator[Exchange]:
+    def send(self) -> Dialogue:
         """Set the format of its messages, its filters and mounting, and start its streams. Raises Rejected, NoReply."""
         device = self.device
         missing, refused = lacking(device.channels, device.attitude, self.known)
@@ -67,7 +67,7 @@ class SetUp(Commands):
         """Return whether the sensor has any command or field of a descriptor set."""
         return any(number >> 8 == descriptor_set for number in self.known)
 
-    def format(self, descriptor_set: int, fields: Sequence[int]) -> Iterator[Exchange]:
+    def format(self, descriptor_set: int, fields: Sequence[int]) -> Dialogue:
         """Select the fields that the sensor sends in a descriptor set."""
         decimation = (yield from self.decimation(descriptor_set)) if fields else 1
         body = b"".join(struct.pack(">BH", field, decimation) for field in fields)
@@ -80,7 +80,7 @@ class SetUp(Commands):
             packet, f"the format of set {descriptor_set:02X}: {' '.join(f'{field:02X}' for field in fields)}"
         )
 
-    def decimation(self, descriptor_set: int) -> Iterator[Exchange]:
+    def decimation(self, descriptor_set: int) -> Dialogue:
         """Return the integer by which the base rate is divided. Raises Rejected if it is not an integer."""
         if self.newer and GENERIC_BASE_RATE in self.known:
             reply = yield from self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")

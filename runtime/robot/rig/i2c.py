@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blocks.i2c import I2cDevice
+from blocks.i2c import I2cDevice, Read
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_adapters import LinuxAdapter
 from cext.lines.i2c_socket import SocketAdapter
@@ -257,7 +257,7 @@ def error_in_words(error: int) -> str:
 def exchange(transfer: Transfer, address: int) -> tuple[Any, ...]:
     """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add. address : address of the device"""
     steps = tuple(
-        (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
+        (step.register, step.count if isinstance(step, Read) else bytes(step.data)) for step in transfer.steps
     )
     return transfer.number, address if transfer.address is None else transfer.address, steps, bytes(transfer.appended)
 

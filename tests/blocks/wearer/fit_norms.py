@@ -213,7 +213,8 @@ def text(values, indent, form=".6g"):
 
 def module():
     """Return the source of blocks/wearer/norms.py."""
-    lines = [HEADER, f"BODY_HEIGHT = {BODY_HEIGHT}  # m", "", "# fmt: off", "MOTIONS = {"]
+    lines = [HEADER, "from typing import Any", "", f"BODY_HEIGHT = {BODY_HEIGHT}  # m", "", "# fmt: off"]
+    lines.append("MOTIONS: dict[str, tuple[dict[str, Any], ...]] = {")
     motions = fitted()
     for motion, speeds in motions.items():
         lines.append(f'    "{motion}": (')
