@@ -43,6 +43,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "boards cannot be read; `check` and the table before arming state it.",
             "j": "A torque above 5 % of the rated torque without a command, before or during a run, ends it after "
             "60 ms.",
+            "k": "A page of the panel changes nothing but live parameters inside their bounds, and one page at a time. "
+            "Other messages are refused and counted.",
         },
     ),
     "H2": (
@@ -79,6 +81,7 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "d": "A run that was suspended and continues, or whose computer was suspended, sends no torque.",
             "e": "A bus has one controller: a second run is rejected.",
             "f": "A computer that can sleep is kept awake during a run, or the run prints why not.",
+            "g": "No page of the panel arms a robot or a drive.",
         },
     ),
     "H5": (
@@ -143,6 +146,10 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "that has taken the bus over is stopped before it arms.",
             "e": "Where the network is not the robot's own, the button signs its frames. Others, changed ones and "
             "recorded ones do not count.",
+            "f": "Each page of the panel stops the run, whatever else it may do. The death of the panel does not end "
+            "the run; it is reported.",
+            "g": "A page whose link is lost reports within half a second that its values are old and that it cannot "
+            "stop the robot.",
         },
     ),
     "H10": (
@@ -192,6 +199,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         {
             "a": "A recording is readable only by the account that made it.",
             "b": "After the death of the control process, every completed tick is on disk.",
+            "c": "A page of the panel is for this computer and account alone, or needs a token of the run. Pages of "
+            "other sites are refused.",
         },
     ),
     "H16": (

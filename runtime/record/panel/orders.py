@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 POLL_PERIOD = 0.005  # s
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a request
 TAKE_TICKS = 4
-WAITING_LIMIT = 16  # requests of the panel that wait for the loop
 ORIGIN = "panel"
 
 
@@ -62,7 +61,7 @@ class Mailbox:
     def __init__(self, view: View) -> None:
         self.view, self.shared = view, view.shared
         self.writer = Writer(view.shared, ORIGIN)
-        self.waiting = 0
+        self.asking: set[asyncio.Future[dict[str, Any]]] = set()
 
     def stop(self) -> None:
         """Request the end of the run. Waits for nothing."""
@@ -82,15 +81,12 @@ class Mailbox:
     async def carry_out(self, order: Set | Mark) -> dict[str, Any]:
         """Pass an order on to the loop, and wait for its answer. Returns the answer for the page."""
         problem = self.problem(order) if isinstance(order, Set) else ""
-        if not problem and self.waiting >= WAITING_LIMIT:
-            problem = "too many requests wait for the run"
         if problem:
             return answered(order, problem)
-        self.waiting += 1
-        try:
-            return await self.ask(order)
-        finally:
-            self.waiting -= 1
+        asking = asyncio.ensure_future(self.ask(order))
+        self.asking.add(asking)
+        asking.add_done_callback(self.asking.discard)
+        return await asyncio.shield(asking)  # the letter is read and freed although its page is gone
 
     async def ask(self, order: Set | Mark) -> dict[str, Any]:
         """Post a letter, and wait until the loop has answered it."""

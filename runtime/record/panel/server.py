@@ -24,7 +24,7 @@ from websockets.http11 import Response
 
 from runtime.record.panel import access
 from runtime.record.panel.access import OPERATE
-from runtime.record.panel.orders import ORDERS, Mailbox, Operate, Stop
+from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Set, Stop, answered
 from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ PAGES = {
     "/uPlot.css": ("uPlot.min.css", "text/css; charset=utf-8"),
 }
 SECURITY = {
-    "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; img-src 'self' data:; "
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -52,6 +52,7 @@ SECURITY = {
 SOCKET = "/socket"
 MESSAGE_LIMIT = 4096  # bytes of a message of a page
 MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
+WAITING_LIMIT = 128  # orders of a page that wait for the run
 REFUSED_LIMIT = 50  # messages of one page that are refused, after which it is closed
 PAGE_LIMIT = 16
 WRITE_LIMIT = 1 << 16  # bytes that wait for a stalled page
@@ -67,11 +68,13 @@ class Page:
     number : of the page, from 1
     role : "view" or "operate": what its token allows
     events : messages that it has not been sent yet
+    orders : its orders that wait, carried out one after the other, so that the last value of a slider stays
     """
 
     def __init__(self, connection: ServerConnection, number: int, role: str) -> None:
         self.connection, self.number, self.role = connection, number, role
         self.events: deque[str] = deque()
+        self.orders: asyncio.Queue[Set | Mark] = asyncio.Queue(WAITING_LIMIT)
         self.budget, self.at = MESSAGE_BURST, time.monotonic()
         self.refused = 0
 
@@ -109,7 +112,6 @@ class Server:
         self.refused: Counter[str] = Counter()
         self.frame, self.status = b"", ""
         self.news = asyncio.Event()
-        self.tasks: set[asyncio.Task[None]] = set()
         self.folder = files(PAGE_FOLDER)
 
     async def listen(self, port: int) -> None:
@@ -184,7 +186,7 @@ class Server:
             self.operator = page
         page.events += [encode({**self.view.hello(), "page": page.name, "role": role}), *map(encode, self.view.events)]
         self.refresh()
-        sending = asyncio.create_task(self.send_to(page))
+        tasks = [asyncio.create_task(task) for task in (self.send_to(page), self.carry_out(page))]
         try:
             async for message in connection:
                 if not self.take(page, message):
@@ -194,7 +196,8 @@ class Server:
         except ConnectionClosed:
             pass
         finally:
-            sending.cancel()
+            for task in tasks:
+                task.cancel()
             del self.pages[page.number]
             if self.operator is page:
                 self.operator = None
@@ -246,9 +249,10 @@ class Server:
             return True
         if page is not self.operator:
             return self.refuse("role")
-        task = asyncio.create_task(self.carry_out(page, order))
-        self.tasks.add(task)
-        task.add_done_callback(self.tasks.discard)
+        try:
+            page.orders.put_nowait(order)
+        except asyncio.QueueFull:
+            self.reply(page, answered(order, "too many requests wait for the run"))
         return True
 
     def refuse(self, why: str) -> bool:
@@ -256,9 +260,14 @@ class Server:
         self.refused[why] += 1
         return False
 
-    async def carry_out(self, page: Page, order: Any) -> None:
-        """Pass an order to the run, and its answer to the page."""
-        page.events.append(encode(await self.mailbox.carry_out(order)))
+    async def carry_out(self, page: Page) -> None:
+        """Pass the orders of a page to the run, one after the other, and the answers to the page."""
+        while True:
+            self.reply(page, await self.mailbox.carry_out(await page.orders.get()))
+
+    def reply(self, page: Page, message: dict[str, Any]) -> None:
+        """Send a message to one page."""
+        page.events.append(encode(message))
         self.wake()
 
     # News

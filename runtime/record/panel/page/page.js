@@ -27,7 +27,7 @@ const WORDS = {
 const $ = (id) => document.getElementById(id);
 const token = location.hash.slice(1);
 let socket = null, hello = null, status = null, values = null, tick = -1;
-let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, shown = 0, cells = [];
+let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, cells = [];
 
 const plots = new Plots($("charts"), $("list"), $("filter"));
 const parameters = new Parameters($("parameters"), $("both"), send);
@@ -95,6 +95,7 @@ function takeHello(message) {
   hello = message;
   problem = "";
   ended = false;
+  end = null;
   advanced = performance.now();
   $("log").replaceChildren(element("li", { className: "none" }, "No events yet"));
   $("fault").hidden = true;
@@ -164,6 +165,7 @@ function takeEvent(event) {
   if ((event.event === "end" || event.event === "fault") && event.status && event.status !== "ok") showFault(event);
   else if (event.event === "rearm") $("fault").hidden = true;
   if (event.unconfirmed?.length) showFault(event);
+  if (event.event === "end") end = event;
 }
 
 function eventText(event) {
@@ -181,14 +183,20 @@ function eventText(event) {
 
 function showFault(event) {
   const card = $("fault"), report = event.report?.length ? event.report : event.lines || [];
+  const set = (selector, text) => { card.querySelector(selector).textContent = text; };
+  const fault = event.status && event.status !== "ok";
   card.hidden = false;
-  const where = event.culprit ? ` at ${event.culprit}` : "";
-  card.querySelector("h2").textContent = event.status && event.status !== "ok" ? `Fault${where}: ${event.status}` : "The stop is not confirmed";
-  card.querySelector(".remedy").textContent = event.unconfirmed?.length ?
-    `${event.unconfirmed.join(", ")} did not confirm the stop: cut the power of the motors.` :
-    "The motors are being stopped. Remove the cause, then arm again at the terminal.";
-  card.querySelector("pre").textContent = report.join("\n");
+  set("h2", !fault ? "The stop is not confirmed" : event.culprit ? `Fault of ${blockName(event.culprit)}` : "Fault");
+  set(".cause", !fault ? "" : capital(report[0]?.replace(/^FAULT at .*?\): /, "") || event.status));
+  set(".remedy", event.unconfirmed?.length ?
+    `${event.unconfirmed.map(blockName).join("; ")}: no confirmation of the stop. Cut the power of the motors.` :
+    event.event === "end" ? "The run has ended in its safe stop. Remove the cause, then start the run again." :
+      "The run waits in its safe stop. Remove the cause, then arm again at the terminal.");
+  set("pre", report.join("\n"));
+  card.querySelector("details").hidden = !report.length;
 }
+
+const blockName = (path) => hello.signals.find((signal) => signal.path.startsWith(`${path}.`))?.block || path;
 
 // State and STOP
 
@@ -196,15 +204,17 @@ function showState() {
   const box = $("state");
   let [word, detail] = ["No link", ""], state = "none";
   if (ended) {
-    [word, detail] = ["Ended", status.recording ? "the recording is complete" : ""];
+    [word, detail] = ["Ended", $("fault").hidden ? (status.recording ? "the recording is complete" : "") : "after a fault"];
     state = "safe";
   } else if (status && linked()) {
     state = status.state;
     [word, detail] = WORDS[state];
     if (state === "running") detail = gaitWord();
-    if ((state === "stopping" || state === "safe") && status.stopped_by)
+    if (state === "safe" && !end) [word, detail, state] = ["Stopping", "the drives confirm the stop", "stopping"];
+    else if ((state === "stopping" || state === "safe") && status.stopped_by)
       detail = { keys: "by the space bar of the terminal", panel: "by a page" }[status.stopped_by] || `by process ${status.stopped_by.slice(4)}`;
   }
+  if (end?.unconfirmed?.length) [word, detail] = ["Not confirmed", "cut the power of the motors"];
   if (!$("fault").hidden && state === "safe") state = "fault";
   if (box.dataset.state !== state) box.dataset.state = state;
   if ($("word").textContent !== word) $("word").textContent = word;

@@ -36,6 +36,7 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
     assert tab.problems == []
 
 
+@pytest.mark.hazard("H9f")
 @pytest.mark.parametrize("how", ["tap", "space", "space in a field", "space on another tab"])
 def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
     run, tab = opened
@@ -82,6 +83,7 @@ def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
     assert tab.problems == [] or all("WebSocket" in problem for problem in tab.problems)  # after the end of the run
 
 
+@pytest.mark.hazard("H9g")
 @pytest.mark.timing
 def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opened):
     run, tab = opened
@@ -114,3 +116,15 @@ def test_page_fits_its_window(opened, width):
         tab.evaluate(f"document.getElementById('tab-{name}').click()")
         tab.wait_for(f"!document.getElementById('{name}').hidden")
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
+    with running(tmp_path, law="return math.nan if t > 4.0 else 0.0") as run, browser(tmp_path) as new_tab:
+        tab = new_tab(run.address)
+        tab.wait_for("!document.getElementById('fault').hidden", timeout=20.0)
+        shown = tab.text("#fault")
+        assert "Fault of knee, left" in shown and "A command is NaN or infinite" in shown
+        assert "then start the run again" in shown
+        assert run.end()[0] == 3
+        tab.wait_for("document.getElementById('state').dataset.state === 'fault'")
+        assert "FAULT at left/knee" in tab.evaluate("document.querySelector('#fault pre').textContent")

@@ -1,6 +1,7 @@
 """The panel of a run in a process of its own, without a browser: what it shows, stops, changes and survives."""
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import runtime
+from runtime.host.live.running import shared_state_of
 from runtime.host.options import panel_address
 from runtime.record.panel.names import describe
 from runtime.record.panel.server import MESSAGE_LIMIT, REFUSED_LIMIT
@@ -38,6 +40,7 @@ def test_values_of_a_page_are_those_of_the_recording(tmp_path):
     assert page.status["complete"] and page.status["recording"]["name"] == run.files.one(".mcap").stem
 
 
+@pytest.mark.hazard("H9f")
 @pytest.mark.parametrize("first", [True, False])
 def test_every_page_stops_the_run_and_it_ends_with_its_safe_stop(tmp_path, first):
     with running(tmp_path) as run:
@@ -67,6 +70,54 @@ def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path
     assert [event["event"] for event in page.events][:2] == ["set", "mark"]
 
 
+def test_changes_of_three_pages_in_turn_are_all_taken_and_recorded(tmp_path):
+    with running(tmp_path) as run:
+        pages, wanted = [run.page() for _ in range(3)], []
+        index = pages[0].index(GAIN)
+        for turn in range(6):
+            page = pages[turn % 3]
+            page.send(do="operate", take=True)
+            for number in range(20):
+                wanted.append(1.0 + 0.01 * turn + 0.001 * number)
+                page.send(do="set", id=100 * turn + number, changes=[[index, wanted[-1]]])
+            page.until(lambda: 100 * turn + 19 in page.answers and len(page.answers) == 20 * (1 + turn // 3))
+        assert all(answer["taken"] for page in pages for answer in page.answers.values())
+        pages[2].send(do="stop")
+        assert run.end()[0] == 0
+    assert [event["value"] for event in run.files.sidecar["events"] if event["event"] == "set"] == wanted
+
+
+def test_pages_that_leave_before_the_answer_do_not_fill_the_mailbox(tmp_path):
+    with running(tmp_path, "--rate", "20") as run:
+        for _ in range(40):
+            page = run.page()
+            page.send(do="operate", take=True)
+            for number in range(3):
+                page.send(do="set", id=number, changes=[[page.index(GAIN), 2.0]])
+            page.socket.socket.close()  # as a browser that is killed
+        page = run.page()
+        page.send(do="operate", take=True)
+        assert page.ask("set", changes=[[page.index(GAIN), 0.5]])["taken"]
+
+
+@pytest.mark.timing
+def test_stop_of_a_page_begins_within_20_ms(tmp_path):
+    times = []
+    for _ in range(5):
+        with running(tmp_path) as run:
+            page, shared = run.page(), shared_state_of(run.process.pid)
+            page.until(lambda: page.frames and page.frames[-1][0] > 20)
+            began = time.monotonic()
+            page.send(do="stop")
+            while shared.state == "running":
+                time.sleep(1e-4)
+            times.append(time.monotonic() - began)
+            run.end()
+        shutil.rmtree(run.files.folder)
+    assert sorted(times)[2] < 0.02
+
+
+@pytest.mark.hazard("H1k")
 def test_one_page_operates_at_a_time_and_each_page_shows_which(tmp_path):
     with running(tmp_path) as run:
         first, second = run.page(), run.page()
@@ -82,6 +133,7 @@ def test_one_page_operates_at_a_time_and_each_page_shows_which(tmp_path):
         first.until(lambda: [each["operates"] for each in first.status["pages"]] == [False])
 
 
+@pytest.mark.hazard("H4g")
 def test_no_page_arms_a_drive(tmp_path):
     with running(tmp_path) as run:
         page = run.page()
@@ -115,6 +167,7 @@ HOSTILE = [
 ]
 
 
+@pytest.mark.hazard("H1k")
 def test_five_thousand_hostile_messages_change_nothing(tmp_path):
     with running(tmp_path) as run:
         good, sent = run.page(), 0
@@ -158,6 +211,7 @@ def test_stalled_page_delays_no_other(tmp_path):
         assert len(good.frames) - count > 30
 
 
+@pytest.mark.hazard("H15c")
 @pytest.mark.parametrize(
     "headers",
     [{"origin": None}, {"origin": "http://evil.example"}, {"origin": "null"}, {"origin": "http://127.0.0.1:1"}],
@@ -195,6 +249,7 @@ def test_another_account_of_this_computer_sees_nothing(tmp_path):
     assert found.stdout == "403\n", found.stderr
 
 
+@pytest.mark.hazard("H15c")
 def test_another_address_needs_a_token_and_a_viewer_only_stops(tmp_path):
     with running(tmp_path, host="0.0.0.0") as run:
         assert set(run.addresses) == {"view", "operate"}
@@ -218,7 +273,8 @@ def test_another_address_needs_a_token_and_a_viewer_only_stops(tmp_path):
 # The end of a panel
 
 
-def test_panel_that_dies_is_started_once_more_and_the_run_goes_on_without_it(tmp_path):
+@pytest.mark.hazard("H9f")
+def test_panel_that_dies_is_started_once_more_and_the_run_continues_without_it(tmp_path):
     with running(tmp_path) as run:
         for expected in ("started once more", "died again"):
             page = run.page()
