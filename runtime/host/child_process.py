@@ -8,7 +8,9 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from contextlib import suppress
+from typing import Any
 
 from runtime.host.descriptors import identity
 
@@ -103,20 +105,20 @@ class ChildProcess:
             self._child.wait(timeout)
         self._child.wait(0.0)
 
-    def _close_answers(self):
+    def _close_answers(self) -> None:
         """Close the pipe for answers, unless its descriptor was closed or belongs to another file now."""
         if self._may_answer:
             os.close(self._answers)
 
-    def _threads(self):
+    def _threads(self) -> Iterable[int]:
         return map(int, os.listdir(f"/proc/{self.pid}/task"))
 
-    def _send(self, order):
+    def _send(self, order: bytes) -> None:
         """Write bytes to the standard input of the child. Raises BrokenPipeError if it has ended."""
         self._orders.write(order)
         self._orders.flush()
 
-    def _answer(self, timeout):
+    def _answer(self, timeout: float) -> Any:
         """Return the next line of JSON; None if the child ended without one. Raises TimeoutError."""
         deadline = time.monotonic() + timeout
         poll = select.poll()

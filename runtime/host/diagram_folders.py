@@ -33,7 +33,7 @@ def import_from(folder: str) -> None:
                 del sys.modules[each]
 
 
-def _comes_after(entry):
+def _comes_after(entry: str) -> bool:
     """Return whether an entry is of another diagram file, or the working folder, unless that is Tickwork's own."""
     try:
         return isinstance(entry, DiagramFolder) or os.path.realpath(entry) == os.getcwd() != HOME
@@ -41,7 +41,7 @@ def _comes_after(entry):
         return False
 
 
-def _folder_of(module):
+def _folder_of(module: object) -> str | None:
     """Return the folder in which a module or a package is; None for one without a file."""
     file = getattr(module, "__file__", None)
     if not isinstance(file, str):

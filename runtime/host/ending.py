@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from runtime.host.run_mark import end_marked, own_mark
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator
     from typing import NoReturn
 
     from cext.schedule.outcome import Outcome
@@ -60,7 +60,7 @@ def raise_on_signals() -> None:
             sys.unraisablehook = _unraisable
 
 
-def _leave(number, frame):
+def _leave(number: int, frame: object) -> None:
     with suppress(OSError):
         os.write(2, f"tickwork: {stopped_by(number)}\n".encode())
     os._exit(128 + number)
@@ -75,7 +75,7 @@ def stopped_by(number: int) -> str:
 _raised = None  # the last Interrupted, until it is handled
 
 
-def _interrupt(number, frame):
+def _interrupt(number: int, frame: object) -> None:
     global _raised
     _raised = Interrupted(number)
     signal.signal(signal.SIGALRM, _retry)
@@ -83,7 +83,7 @@ def _interrupt(number, frame):
     raise _raised
 
 
-def _retry(number, frame):
+def _retry(number: int, frame: object) -> None:
     """Raise the last Interrupted again, unless an `except`, `finally` or `with` is being carried out for it."""
     error = sys.exc_info()[1]
     while error is not None and not isinstance(error, Interrupted):
@@ -92,7 +92,7 @@ def _retry(number, frame):
         raise_if_interrupted()
 
 
-def _unraisable(entry):
+def _unraisable(entry: "sys.UnraisableHookArgs") -> None:
     if _raised is None and entry.exc_type is not KeyboardInterrupt:  # of the watchdog, which has noted that it hung
         sys.__unraisablehook__(entry)
 
@@ -112,7 +112,7 @@ def forget_interrupt() -> None:
 
 
 @contextmanager
-def as_interrupt() -> "Iterator[None]":
+def as_interrupt() -> "Generator[None]":
     """Raise Interrupted at the end of a `with` block if an unhandled signal has arrived in it.
 
     It replaces any other exception.
@@ -145,7 +145,7 @@ def leave(code: int) -> "NoReturn":
     """
     mark = own_mark()
 
-    def leave_now(number=0, frame=None) -> "NoReturn":
+    def leave_now(number: int = 0, frame: object = None) -> "NoReturn":
         end_marked(mark)
         os._exit(code)
 
@@ -153,7 +153,7 @@ def leave(code: int) -> "NoReturn":
         signal.signal(number, leave_now)
     after(CHILD_EXIT_LIMIT, lambda: end_marked(mark))  # the handler of multiprocessing waits for its processes
     with suppress(Exception):
-        atexit._run_exitfuncs()
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage] there is no other way to call them
     after(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
     with suppress(Exception):  # a block has limited the memory of the process
         flush_files()

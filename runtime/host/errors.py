@@ -1,5 +1,7 @@
 """Errors of the command line, and its exit codes."""
 
+from typing import Any
+
 OK, CHECK_FAILED, BAD_INPUT, FAULT, NOT_RECORDED = 0, 1, 2, 3, 4
 
 
@@ -10,7 +12,7 @@ class BadInput(Exception):
     """
 
     code = BAD_INPUT
-    diagnostics: tuple = ()
+    diagnostics: tuple[Any, ...] = ()
 
 
 class RunFault(RuntimeError):
@@ -19,6 +21,6 @@ class RunFault(RuntimeError):
     fault : dict with `status`, `culprit`, `tick` and `report`, as in Trial.fault
     """
 
-    def __init__(self, fault: dict) -> None:
+    def __init__(self, fault: dict[str, Any]) -> None:
         super().__init__("\n".join(fault["report"]) or fault["status"])
         self.fault = fault

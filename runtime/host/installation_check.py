@@ -43,7 +43,7 @@ def problem(command: str = "", folder: "str | None" = None) -> "str | None":
     return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing(required_packages())
 
 
-def _old_python():
+def _old_python() -> "str | None":
     """Return a message on a Python that is older than OLDEST_PYTHON."""
     if sys.version_info[:2] < OLDEST_PYTHON:
         return "this is Python %d.%d, but %d.%d or newer is required: %s" % (
@@ -52,7 +52,7 @@ def _old_python():
     return None
 
 
-def _shadowed_package(folder=None):
+def _shadowed_package(folder: "str | None" = None) -> "str | None":
     """Return a message on a package that another folder shadows, since `blocks` and `graph` are common names."""
     for name in ("cext", "graph", "blocks"):
         place = folder if folder and working_folder.namesake(folder, [name]) else place_of(name)
@@ -100,7 +100,7 @@ def place_of(name: str) -> "str | None":
     return os.path.realpath(os.path.dirname(where)) if where else None
 
 
-def _unbuilt():
+def _unbuilt() -> "str | None":
     """Return a message on compiled modules that are missing for this Python.
 
     An installed Tickwork has no sources and counts as built.
@@ -112,7 +112,7 @@ def _unbuilt():
     return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", _remedy())
 
 
-def _is_importable(module):
+def _is_importable(module: str) -> bool:
     """Return whether Python finds a module; does not import it."""
     try:
         return find_spec(module) is not None
@@ -137,7 +137,7 @@ def required_packages() -> "list[str]":
             requirements = metadata.requires("tickwork") or []
         except metadata.PackageNotFoundError:
             requirements = []
-    names = []
+    names: list[str] = []
     for requirement in requirements:
         name, _, marker = requirement.partition(";")
         older = re.search(r"^ *python_version < .3\.(\d+).$", marker)
@@ -146,7 +146,7 @@ def required_packages() -> "list[str]":
     return names
 
 
-def _missing(distributions):
+def _missing(distributions: "list[str] | tuple[str, ...]") -> "str | None":
     """Return a message on distributions that are not installed."""
     absent = [name for name in distributions if not _is_importable(MODULES.get(name, name))]
     if not absent:
@@ -216,7 +216,7 @@ def explain(error: ImportError) -> str:
     return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, _remedy())
 
 
-def _others_of(package):
+def _others_of(package: str) -> "list[str]":
     """Return the names of other distributions that have installed files into one of Tickwork's packages."""
     from importlib.metadata import distributions  # of Python 3.8
 
@@ -226,7 +226,7 @@ def _others_of(package):
     return sorted(names - {"tickwork"})
 
 
-def _remedy():
+def _remedy() -> str:
     """Return the command that repairs this installation."""
     environment = HERE / ".venv" / "bin" / "activate"
     if not _is_clone():
@@ -237,6 +237,6 @@ def _remedy():
     return "run `make run`"
 
 
-def _is_clone():
+def _is_clone() -> bool:
     """Return whether this is a checkout of the sources, in contrast to an installed package."""
     return (HERE / "Makefile").exists()

@@ -5,19 +5,21 @@ interrupted leaves half a module, with which the next call fails. This module mu
 the working folder could shadow: built-in modules alone.
 """
 
-import _signal  # pyright: ignore[reportMissingImports]
 import _thread
 import sys
 import time
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    import signal as _signal
     from collections.abc import Callable
-    from types import FrameType
+    from types import FrameType, TracebackType
     from typing import ParamSpec, TypeVar
 
     Arguments = ParamSpec("Arguments")  # on a line of its own: type checkers do not read an assignment of two
     Result = TypeVar("Result")
+else:
+    import _signal
 
 ROOT = __file__.removesuffix("runtime/host/interrupts.py")
 LIBRARIES = (
@@ -32,7 +34,7 @@ RETRY_PERIOD = 0.01  # s
 def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Arguments, Result]":
     """Return a function whose uncaught KeyboardInterrupt is shown as one line."""
 
-    def call(*arguments, **named):
+    def call(*arguments: "Arguments.args", **named: "Arguments.kwargs") -> "Result":
         try:
             delays = _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler and _handle(
                 interrupt_between_imports
@@ -48,7 +50,7 @@ def interruptible(function: "Callable[Arguments, Result]") -> "Callable[Argument
 
     for name in ("__module__", "__name__", "__qualname__", "__doc__", "__annotations__"):
         setattr(call, name, getattr(function, name))
-    call.__wrapped__ = function  # whose signature help() shows
+    vars(call)["__wrapped__"] = function  # whose signature help() shows
     return call
 
 
@@ -102,20 +104,20 @@ def show_as_line(interrupt: KeyboardInterrupt, result: str = "") -> None:
 class _Line:
     """Function that returns the lines of an exception for IPython."""
 
-    def __init__(self, interrupt):
+    def __init__(self, interrupt: KeyboardInterrupt) -> None:
         self.text = f"tickwork: stopped by Ctrl-C{f': {interrupt}' * bool(str(interrupt))}"
 
-    def __call__(self):
+    def __call__(self) -> "list[str]":
         return [self.text]
 
 
 class _Hook:
     """Function for sys.excepthook that shows the marked exceptions. before : shows all others"""
 
-    def __init__(self, before):
+    def __init__(self, before: "Callable[..., object]") -> None:
         self.before = before
 
-    def __call__(self, kind, error, trace):
+    def __call__(self, kind: "type[BaseException]", error: BaseException, trace: "TracebackType | None") -> None:
         line = getattr(error, "_render_traceback_", None)
         if isinstance(line, _Line):
             print(line.text, file=sys.stderr)

@@ -51,7 +51,7 @@ def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str],
     maximum : largest number, in that unit
     """
 
-    def parse(text):
+    def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
@@ -71,7 +71,7 @@ def whole_number(option: str, maximum: float = math.inf, minimum: int = 1) -> Ca
     option : its name for messages
     """
 
-    def parse(text):
+    def parse(text: str) -> int:
         if not text.isdecimal() or int(text) < minimum:
             raise BadInput(f"{option} {text}: expected a whole number, {minimum} or more")
         if int(text) > maximum:
@@ -107,7 +107,7 @@ def trial_fields(texts: Sequence[str]) -> dict[str, str]:
 
     Raises BadInput for a text that is not NAME=VALUE, and for a name that is given twice.
     """
-    fields = {}
+    fields: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not re.fullmatch(r"[^\W\d]\w*", name):
@@ -120,8 +120,8 @@ def trial_fields(texts: Sequence[str]) -> dict[str, str]:
 
 def pairs_of(given: Any) -> list[tuple[str, Any]]:
     """Return the pairs (name, value) of an argument `settings`, a dict or pairs. Raises BadInput for another form."""
-    pairs = list(given.items() if hasattr(given, "items") else given)
-    if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
+    pairs: list[Any] = list(given.items() if hasattr(given, "items") else given)
+    if not all(isinstance(pair, (tuple, list)) for pair in pairs) or any(len(pair) != 2 for pair in pairs):
         raise BadInput(f'settings={given!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
     return pairs
 
@@ -135,7 +135,7 @@ def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, st
 
     Raises BadInput for an unreadable file or a word of another form.
     """
-    pairs = []
+    pairs: list[tuple[str, str]] = []
     for word in words:
         if not word.startswith("@"):
             pairs.append(_setting(word, f"{option}{word}", option))

@@ -4,7 +4,7 @@ import errno
 import os
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from typing import BinaryIO
 
@@ -17,7 +17,7 @@ def replacement(
     opener: Callable[[str, int], int] | None = None,
     durable: bool = True,
     part: str | None = None,
-) -> Iterator[BinaryIO]:
+) -> Generator[BinaryIO]:
     """Open a new file for bytes, which replaces the file of this name when the block ends without an exception.
 
     Until then, and if the process is killed or the disk is full, the old file stays. Its owner and permissions

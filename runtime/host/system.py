@@ -80,7 +80,7 @@ def isolated_processors() -> set[int]:
 
 def processors(text: str) -> set[int]:
     """Return the numbers in the kernel's list format: {0, 2, 3} for "0,2-3"."""
-    numbers = set()
+    numbers: set[int] = set()
     for part in text.strip().split(","):
         first, _, last = part.partition("-")
         if first.isdigit():

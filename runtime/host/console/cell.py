@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from typing import Any
 
 
@@ -21,8 +22,7 @@ class Cell:
 
     def draw(self, text: str) -> None:
         """Replace the status line."""
-        from IPython.display import display
-
+        display = import_module("IPython.display").display
         content = {"text/plain": text}
         if self._shown is None:
             self._shown = display(content, raw=True, display_id=True)

@@ -45,7 +45,7 @@ def key_mode(attributes: list[Any]) -> list[Any]:
 
     Ctrl-C still raises SIGINT, and a read without a key does not report the end of the file to other readers.
     """
-    changed = [*attributes[:CHARACTERS], list(attributes[CHARACTERS])]
+    changed: list[Any] = [*attributes[:CHARACTERS], list(attributes[CHARACTERS])]
     changed[LOCAL] &= ~LINE_MODE
     changed[CHARACTERS][termios.VMIN], changed[CHARACTERS][termios.VTIME] = 1, 0
     return changed
@@ -101,7 +101,8 @@ class Keyboard:
         """Return the keys since the last call. The times of a key are those of the first byte of its sequence."""
         self.unread += self.queue.take()
         data = bytes(byte for byte, *_ in self.unread)
-        keys, end = [], 0
+        keys: list[Key] = []
+        end = 0
         while match := KEY.match(data, end):
             keys.append(Key(key_name(match[0]), *self.unread[match.start()][1:]))
             end = match.end()

@@ -32,13 +32,13 @@ class Progress:
         self.began = self.clock()
         self.next = self.began + SHOW_DELAY
 
-    def __enter__(self):
+    def __enter__(self) -> Progress:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         self.terminal.erase()
 
-    def __call__(self, share):
+    def __call__(self, share: float) -> None:
         """Show the progress. share : fraction of the operation that is done, 0 to 1"""
         now = self.clock()
         if now < self.next or not self.terminal.interactive:

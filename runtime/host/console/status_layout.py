@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from runtime.host.console.terminal import IN_ASCII
 
@@ -18,7 +18,14 @@ BAR = 8  # characters
 BAR_CHARACTERS = "━╌#."
 
 Piece: TypeAlias = "tuple[str, str | None]"  # text and colour
-Step: TypeAlias = "tuple[str | float, ...]"  # narrowing step, as `narrowing` returns them
+
+
+class Step(NamedTuple):
+    """Narrowing step. kind : "form" for a shorter form, "close" for closer parts, "without" for omitted parts"""
+
+    kind: str
+    importance: float = 0.0
+    form: int = 0
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,7 @@ def fit(
     stages = narrowing(parts)
     taken = {stage for stage in stages if stage in kept}
 
-    def line(steps):
+    def line(steps: Collection[Step]) -> list[Piece]:
         return compose(parts, steps, unicode)
 
     for stage in stages:
@@ -85,26 +92,27 @@ def length(line: Sequence[Piece]) -> int:
 
 
 def narrowing(parts: Sequence[Part]) -> list[Step]:
-    """Return all narrowing steps in order: ("form", importance, number), ("close",), ("without", importance)."""
+    """Return all narrowing steps in order."""
     levels = sorted({part.importance for part in parts})
     longest = max((len(part.forms) for part in parts), default=1)
     shorter = [
-        ("form", level, form)
+        Step("form", level, form)
         for form in range(1, longest)
         for level in levels
         if any(part.importance == level and len(part.forms) > form for part in parts)
     ]
-    return [*shorter, ("close",), *(("without", level) for level in levels[:-1])]
+    return [*shorter, Step("close"), *(Step("without", level) for level in levels[:-1])]
 
 
 def compose(parts: Sequence[Part], steps: Collection[Step], unicode: bool) -> list[Piece]:
     """Return a line after narrowing steps, as a list of (text, colour)."""
-    forms = {}
-    for _, level, form in (step for step in steps if step[0] == "form"):
-        forms[level] = max(form, forms.get(level, 0))
-    without = {step[1] for step in steps if step[0] == "without"}
-    gap = CLOSE if ("close",) in steps else DOTS[unicode]
-    line = []
+    forms: dict[float, int] = {}
+    for step in steps:
+        if step.kind == "form":
+            forms[step.importance] = max(step.form, forms.get(step.importance, 0))
+    without = {step.importance for step in steps if step.kind == "without"}
+    gap = CLOSE if Step("close") in steps else DOTS[unicode]
+    line: list[Piece] = []
     for part in parts:
         pieces = part.pieces(forms.get(part.importance, 0))
         if part.importance in without or not any(text for text, _ in pieces):

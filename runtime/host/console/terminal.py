@@ -201,7 +201,7 @@ def _is_encodable(character: str, encoding: str) -> bool:
     return True
 
 
-def _discard(stream) -> None:
+def _discard(stream: TextIO) -> None:
     """Redirect a stream to /dev/null, so that flushing its buffer at exit raises no error."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())

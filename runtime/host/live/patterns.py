@@ -35,9 +35,9 @@ def shared_patterns(known: Iterable[str]) -> dict[str, list[str]]:
 
     '*/profile.scale' matches left/profile.scale and right/profile.scale.
     """
-    groups = {}
+    groups: dict[str, list[str]] = {}
     for name in known:
-        part, slash, rest = name.partition("/")
+        _, slash, rest = name.partition("/")
         if slash:
             groups.setdefault(f"*/{rest}", []).append(name)
     return {pattern: names for pattern, names in groups.items() if len(names) > 1}

@@ -39,7 +39,7 @@ def runs() -> dict[int, SharedState]:
 
     `emulate` also has a shared state, but no table of live parameters.
     """
-    states = {}
+    states: dict[int, SharedState] = {}
     for name in os.listdir("/proc"):
         if name.isdigit():
             try:

@@ -164,14 +164,14 @@ def title(shared: SharedState) -> str:
 
 def parse(text: bytes) -> Table:
     """Return the Table that `describe` has written as JSON."""
-    table = json.loads(text)
+    table: dict[str, Any] = json.loads(text)
+    entries: list[dict[str, Any]] = table["parameters"]
+    for entry in entries:
+        entry["slew"] = math.inf if entry["slew"] is None else entry["slew"]
     return Table(
         table["name"],
         table["rate"],
-        tuple(
-            Parameter(index, **{**entry, "slew": math.inf if entry["slew"] is None else entry["slew"]})
-            for index, entry in enumerate(table["parameters"])
-        ),
+        tuple(Parameter(index, **entry) for index, entry in enumerate(entries)),
         tuple(tuple(signal) for signal in table.get("signals", ())),
         tuple(LiveRule(entry["path"], rule_of(entry)) for entry in table.get("rules", ())),
     )

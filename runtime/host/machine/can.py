@@ -61,21 +61,21 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
     driver = machine.target(f"/sys/class/net/{name}/device/driver")
     queue = int(machine.read(f"/sys/class/net/{name}/tx_queue_len") or 0)
     up = machine.read(f"/sys/class/net/{name}/operstate") != "down"
-    about = (link or {}).get("linkinfo") or {}
+    about: dict[str, Any] = (link or {}).get("linkinfo") or {}
     if about.get("info_kind") in ("vcan", "vxcan"):
         return [Finding(name, OK, "virtual")]
     cure = bring_up(name, wants.bitrate, wants.restart, wants.queue)
     if not up:
         return [Finding(name, BAD, "is down", "nothing is sent or received", cure, "can", name)]
-    problems = []
+    problems: list[Finding] = []
 
-    def report(verdict, found, why, cure, part="can"):
+    def report(verdict: str, found: str, why: str, cure: str, part: str = "can") -> None:
         problems.append(Finding(name, verdict, found, why, cure, part, name))
 
     down_first = f"sudo ip link set {name} down && {cure}"
-    data = about.get("info_data") or {}
-    bitrate = (data.get("bittiming") or {}).get("bitrate")
-    state, restart = data.get("state", ""), data.get("restart_ms")
+    data: dict[str, Any] = about.get("info_data") or {}
+    timing: dict[str, Any] = data.get("bittiming") or {}
+    bitrate, state, restart = timing.get("bitrate"), data.get("state", ""), data.get("restart_ms")
     if bitrate is None:
         report(
             UNKNOWN,
@@ -93,7 +93,7 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
         )
     if state in STATES:
         verdict, why = STATES[state]
-        errors = data.get("berr_counter") or {}
+        errors: dict[str, int] = data.get("berr_counter") or {}
         count = f" ({errors['tx']} errors sending, {errors['rx']} receiving)" if {"tx", "rx"} <= errors.keys() else ""
         report(verdict, state + count, why, "120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all", "")
     if restart == 0:

@@ -47,6 +47,6 @@ class Wants:
     restart: int = 100
     user: str | None = None
     folder: str = "recordings"
-    overlays: list[str] = field(default_factory=list)
+    overlays: list[str] = field(default_factory=list[str])
     hotspot: str = ""
     remote_desktop: bool = False

@@ -103,12 +103,12 @@ class Machine:
         return [device for _, device in names]
 
     @cached_property
-    def _devices(self):
+    def _devices(self) -> dict[str, Device]:
         """Devices by name, from the output of `ls -l /dev`.
 
         On this machine, access is tested, since it may exceed the mode.
         """
-        devices = {}
+        devices: dict[str, Device] = {}
         for line in self.output("ls", "-l", "/dev").splitlines():
             match = re.match(r"c([rwxsStT-]{9})\S* +\d+ +(\S+) +(\S+) +\d+, +\d+ .* (\S+)$", line)
             if match:
@@ -123,7 +123,7 @@ class Machine:
         return self.root_user or "rw" in mine
 
     @cached_property
-    def _id(self):
+    def _id(self) -> str:
         return self.output("id")
 
     @property

@@ -46,7 +46,7 @@ def fastest_first(numbers: set[int], text_of: Callable[[str], str] = read) -> li
     text_of : function that reads a file of the machine, "" for an unreadable one
     """
 
-    def speed(number):
+    def speed(number: int) -> int:
         return int(text_of(f"/sys/devices/system/cpu/cpu{number}/cpufreq/cpuinfo_max_freq").strip() or 0)  # kHz
 
     return sorted(numbers, key=lambda number: (speed(number), number), reverse=True)

@@ -36,7 +36,7 @@ from runtime.host.system import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
     from posix import sched_param
 
 MODES = ("off", "try", "require")
@@ -89,16 +89,18 @@ class Realtime:
                 f"{priority!r}"
             )
         self.mode, self.priority, self.cpu = mode, priority, cpu
-        self.granted, self.refused = [], []
-        self.processor, self.others = None, set()
+        self.granted: list[str] = []
+        self.refused: list[Refusal] = []
+        self.processor: int | None = None
+        self.others: set[int] = set()
         self.spun = False
         self._undo = ExitStack()
 
-    def __enter__(self):
+    def __enter__(self) -> Realtime:
         self.obtain()
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         self.release()
 
     def obtain(self) -> None:
@@ -161,22 +163,22 @@ class Realtime:
             "refused": {refusal.name: refusal.why for refusal in self.refused},
         }
 
-    def _names(self):
+    def _names(self) -> str:
         return ", ".join(refusal.name for refusal in self.refused)
 
-    def _remedies(self):
+    def _remedies(self) -> Iterator[str]:
         for refusal in self.refused:
             yield f"  {refusal.name}: {refusal.why}"
             yield f"      {refusal.cure}"
         yield f"  print a script with these remedies: {program()} doctor --script"
 
-    def _wake_soon(self):
+    def _wake_soon(self) -> None:
         """Shorten the timer slack and slice, so that an ordinary thread runs as soon as its tick is due."""
         with suppress(OSError):  # a sandbox forbids the call
             native.set_slice(SLICE)
             self._undo.callback(native.set_slice, 0)
 
-    def _lock_memory(self):
+    def _lock_memory(self) -> str:
         size = address_space()
         needed, name = size + HEADROOM, "locked memory"
         if not capable(CAP_IPC_LOCK) and not self._raise_limit(resource.RLIMIT_MEMLOCK, needed):
@@ -200,7 +202,7 @@ class Realtime:
         if self.mode != "off":
             prefault()
 
-    def _stay_awake(self):
+    def _stay_awake(self) -> str | None:
         """Open the idle device with a latency of 0, which prevents deep idle states while it stays open."""
         name = "awake processors"
         try:
@@ -217,7 +219,7 @@ class Realtime:
             raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", _idle_remedy()) from None
         return "processors awake"
 
-    def _stay_on_one_processor(self):
+    def _stay_on_one_processor(self) -> str | None:
         before, isolated = set(self._permitted), isolated_processors()
         choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
         # without real-time priority, moving to a free processor is faster
@@ -240,7 +242,7 @@ class Realtime:
         self.processor, self.others = cpu, before - {cpu}
         return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
 
-    def _take_priority(self):
+    def _take_priority(self) -> str:
         name = f"SCHED_FIFO {self.priority}"
         permitted = capable(CAP_SYS_NICE) or self._raise_limit(resource.RLIMIT_RTPRIO, self.priority)
         before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -254,10 +256,10 @@ class Realtime:
             self._undo.push(guard.pop_all())
         return name
 
-    def _stop_watching(self):
+    def _stop_watching(self) -> None:
         self.spun = native.stop_watching()
 
-    def _why_no_priority(self, name, permitted, error):
+    def _why_no_priority(self, name: str, permitted: bool, error: OSError) -> Refusal:
         if not permitted:
             limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
             return Refusal(
@@ -277,7 +279,7 @@ class Realtime:
             "kernel.sched_rt_runtime_us=-1",
         )
 
-    def _raise_limit(self, which, needed):
+    def _raise_limit(self, which: int, needed: int) -> bool:
         """Raise a limit as far as possible without privilege, and return whether it is `needed` or more."""
         soft, hard = resource.getrlimit(which)
         if _is_at_least(soft, needed):
@@ -312,18 +314,18 @@ def restore_scheduler(policy: int, parameters: sched_param) -> None:
         os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
 
 
-def _limit_remedy(item, value):
+def _limit_remedy(item: str, value: int | str) -> str:
     """Return the remedy for a limit of the account. item, value : item and value in limits.conf"""
     return f"put `{user()} - {item} {value}` into {LIMITS_FILE} and log in again"
 
 
-def _idle_remedy():
+def _idle_remedy() -> str:
     """Return the remedy for an idle device that this user may not open."""
     rule = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
     return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}, and the udev rule {rule}"
 
 
-def _is_at_least(limit, needed):
+def _is_at_least(limit: int, needed: int) -> bool:
     """Return whether a resource limit is unlimited or large enough."""
     return limit == resource.RLIM_INFINITY or limit >= needed
 
@@ -333,6 +335,6 @@ def number_list(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(numbers)))
 
 
-def _size_text(size):
+def _size_text(size: int) -> str:
     """Return a size in bytes as text in MiB."""
     return "unlimited" if size == resource.RLIM_INFINITY else f"{size >> 20} MiB"

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from runtime.host.console.status_layout import bar, fit, part
+from runtime.host.console.status_layout import Step, bar, fit, part
 
 if TYPE_CHECKING:
     from runtime.record.recorder.plan_types import Plan
@@ -81,7 +81,7 @@ class StatusLine:
         line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
         _, steps = fit(*line)
         self.narrowed.append(
-            steps - {("without", part.importance) for part in parts if part.importance >= OPERATOR_IMPORTANCE}
+            steps - {Step("without", part.importance) for part in parts if part.importance >= OPERATOR_IMPORTANCE}
         )
         self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 

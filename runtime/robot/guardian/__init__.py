@@ -47,12 +47,13 @@ from runtime.robot.guardian.stop import SafeStop, decoded
 from runtime.robot.guardian.wires import SHARED, CannotOpen, open_wire
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from typing import Any
 
     from cext.memory.shared_state import SharedState
     from cext.ring.rings import Lines
     from graph import DampedStop, ReplyField, StopReply
+    from graph.device_data import Frame, Pattern
     from graph.schedule import Schedule
     from runtime.robot.guardian.lock import BusLock
     from runtime.robot.guardian.plan_types import (
@@ -248,7 +249,7 @@ class GuardianProcess(ChildProcess):
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._shared.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
-        problems = {}
+        problems: dict[str, str] = {}
         for index, bus in enumerate(plan["buses"]):
             try:
                 if index not in interfaces.wires:
@@ -390,14 +391,14 @@ def _encoded_field(field: ReplyField | None) -> PlanField | None:
     }
 
 
-def _encoded_replies(frames) -> list[EncodedReply]:
+def _encoded_replies(frames: Iterable[Pattern]) -> list[EncodedReply]:
     """Convert the frames of a graph.ReplyField for the plan."""
     return [
         (with_flags(identifier, extended), mask | FLAGS, first.hex()) for identifier, mask, extended, first in frames
     ]
 
 
-def _encoded_frames(frames) -> list[EncodedFrame]:
+def _encoded_frames(frames: Iterable[Frame]) -> list[EncodedFrame]:
     """Convert frames (arbitration id, is extended, data) for the plan."""
     return [(with_flags(identifier, extended), bytes(data).hex()) for identifier, extended, data in frames]
 
