@@ -3,7 +3,7 @@
     {"do": "stop"}                                      any page
     {"do": "operate", "take": true}                     a page that may operate: take the controls, or give them back
     {"do": "set", "id": 7, "changes": [[0, 0.5], ...]}  the operator: change live parameters together, by index
-    {"do": "mark", "id": 8}                             the operator: mark this tick
+    {"do": "mark", "id": 8, "note": "new shoes"}        the operator: mark this tick, with a note or ""
 
 The loop decides: it compares each value with bounds of its own. An order with an `id` is answered:
 
@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
@@ -27,6 +28,7 @@ POLL_PERIOD = 0.005  # s
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a request
 TAKE_TICKS = 4
 ORIGIN = "panel"
+NOTE_LENGTH = 200  # characters
 
 
 class Stop(msgspec.Struct, tag_field="do", tag="stop", forbid_unknown_fields=True):
@@ -50,6 +52,7 @@ class Mark(msgspec.Struct, tag_field="do", tag="mark", forbid_unknown_fields=Tru
     """Mark the tick."""
 
     id: int
+    note: Annotated[str, msgspec.Meta(max_length=NOTE_LENGTH)] = ""
 
 
 ORDERS = msgspec.json.Decoder(Stop | Operate | Set | Mark)
@@ -61,6 +64,8 @@ class Mailbox:
     def __init__(self, view: View) -> None:
         self.view, self.shared = view, view.shared
         self.writer = Writer(view.shared, ORIGIN)
+        self.noted: Callable[[], None] = lambda: None  # called after a note
+        self.notes: list[dict[str, Any]] = []  # on marks, which the recorder has not been sent yet
         self.asking: set[asyncio.Future[dict[str, Any]]] = set()
 
     def stop(self) -> None:
@@ -105,6 +110,9 @@ class Mailbox:
             await asyncio.sleep(POLL_PERIOD)
         verdict, tick, number = answer
         if verdict == "taken":
+            if isinstance(order, Mark) and order.note.strip():
+                self.notes.append({"number": number, "tick": tick, "text": printable(order.note), "by": ORIGIN})
+                self.noted()
             return {**answered(order, ""), "tick": tick, "number": number}
         broken = self.view.table.broken(self.shared, dict(order.changes)) if isinstance(order, Set) else []
         return answered(order, "the run has ended" if verdict == "over" else "; ".join(broken) or verdict)
@@ -113,3 +121,8 @@ class Mailbox:
 def answered(order: Set | Mark, problem: str) -> dict[str, Any]:
     """Return the answer to an order. problem : "" if it was carried out"""
     return {"type": "answer", "id": order.id, "taken": not problem, "text": problem}
+
+
+def printable(note: str) -> str:
+    """Return a note in one line, without control characters."""
+    return " ".join("".join(character if character.isprintable() else " " for character in note).split())

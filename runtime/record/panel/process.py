@@ -68,7 +68,9 @@ class Panel:
         loop.add_reader(self.events, self.take_events)
         control = os.pidfd_open(self.shared.control)
         loop.add_reader(control, self.control_ended, control)
-        publishing = asyncio.create_task(self.server.publish())
+        os.set_blocking(self.answers, False)
+        self.server.mailbox.noted = self.send_notes
+        publishing = asyncio.create_task(self.server.publish(self.send_notes))
         await self.over.wait()
         publishing.cancel()
         await self.server.close()
@@ -97,6 +99,19 @@ class Panel:
     def answer(self, message: dict[str, Any]) -> None:
         """Send one line of JSON to the recorder."""
         os.write(self.answers, json.dumps(message).encode() + b"\n")
+
+    def send_notes(self) -> None:
+        """Send the notes on marks to the recorder, as far as it takes them."""
+        notes = self.server.mailbox.notes
+        while notes:
+            try:
+                self.answer({"note": notes[0]})
+            except BlockingIOError:
+                return
+            except BrokenPipeError:  # the recorder ends
+                notes.clear()
+                return
+            notes.pop(0)
 
     def take_events(self) -> None:
         """Take the events that have arrived. The end of the socket is the end of the recorder."""

@@ -11,6 +11,7 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
 from importlib.resources import files
@@ -292,8 +293,8 @@ class Server:
         self.news.set()
         self.news = asyncio.Event()
 
-    async def publish(self) -> None:
-        """Renew frame and status continuously."""
+    async def publish(self, besides: Callable[[], None]) -> None:
+        """Renew frame and status continuously. besides : what else is called each time"""
         state, due = None, 0.0
         while True:
             now = time.monotonic()
@@ -303,6 +304,7 @@ class Server:
                 self.refresh()
             else:
                 self.wake()
+            besides()
             await asyncio.sleep(FRAME_PERIOD)
 
     async def close(self) -> None:

@@ -136,8 +136,8 @@ class View:
         """Keep an event of the recording. Returns it in the form for pages, None for one that they do not show."""
         kind = event.get("event")
         shown: dict[str, Any] = {"type": "event", "event": kind, "tick": event.get("tick"), "by": event.get("by")}
-        if kind in ("set", "mark"):
-            shown |= {key: event[key] for key in ("path", "value", "from", "number") if key in event}
+        if kind in ("set", "mark", "note"):
+            shown |= {key: event[key] for key in ("path", "value", "from", "number", "text") if key in event}
         elif kind == "warning":
             shown["text"] = f"{event['device']}: {event['what']}"
         elif kind in ("end", "fault"):

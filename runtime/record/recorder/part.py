@@ -99,7 +99,7 @@ class Recording:
     def start(self, kind: type[Service], sink: PlanSink) -> None:
         """Create and open a service."""
         service = kind(self.plan, sink)
-        service.say, service.shared = self.say_later, self.shared
+        service.say, service.record, service.shared = self.say_later, self.take_event, self.shared
         self.services.append((sink["path"], service))
         service.open()
 

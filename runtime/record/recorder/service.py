@@ -36,6 +36,7 @@ class Service:
     sink : dict of the sink: path, parameters, columns, every
     shared : cext.memory.shared_state.SharedState of the run, set before `open`
     say : function that prints a line on the terminal, set before `open`
+    record : function that adds an event to the recording, set before `open`
     files : {path: remark} of each file that the service has created
     """
 
@@ -48,6 +49,7 @@ class Service:
         self.plan, self.sink = plan, sink
         self.files: dict[str, str] = {}
         self.say: Callable[[str], None] = lambda line: None
+        self.record: Callable[[dict[str, Any]], None] = lambda event: None
         self.shared: SharedState | None = None
 
     @property

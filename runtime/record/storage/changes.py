@@ -4,6 +4,8 @@
     {"event": "mark", "number": 1, "tick": 1004, "by": "keys"}
     {"event": "stop", "tick": 1200, "by": "keys"}
 
+    {"event": "note", "number": 1, "tick": 1004, "by": "panel", "text": "new shoes"}
+
 "confirm" and "rearm", which armed the robot, have the form of "stop".
 
 `tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "panel", "replay", "set" and
@@ -64,4 +66,6 @@ def event_text(event: dict[str, Any]) -> str:
         return f"{event['device']}: {event['what']}"
     if kind == "mark":
         return f"mark {event['number']}"
+    if kind == "note":
+        return f"mark {event['number']}: {event['text']}"
     return f"{event['path']} set to {event['value']:g}" if kind == "set" else ""

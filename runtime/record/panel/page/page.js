@@ -148,7 +148,7 @@ function takeStatus(message) {
   $("take").textContent = mine ? "Give them back" : "Take the controls";
   $("take").hidden = !may;
   $("take").onclick = () => send({ do: "operate", take: !mine });
-  $("mark").disabled = !mine || status.over;
+  $("mark").disabled = $("note").disabled = !mine || status.over;
   parameters.show(status.live, mine && !status.over);
   showHealth();
   showState();
@@ -173,6 +173,7 @@ function eventText(event) {
   if (event.event === "set") return `${parameters.nameOf(event.path)}: ${parameters.valueOf(event.path, event.from)} to ` +
     `${parameters.valueOf(event.path, event.value)} (${by})`;
   if (event.event === "mark") return `Mark ${event.number} (${by})`;
+  if (event.event === "note") return `Mark ${event.number}: ${event.text}`;
   if (event.event === "stop") return `Stop (${by})`;
   if (event.event === "confirm") return "Arming was confirmed";
   if (event.event === "rearm") return "Arming again was confirmed";
@@ -343,17 +344,22 @@ function showHealth() {
 
 $("stop").addEventListener("pointerdown", (event) => { if (event.button === 0) stop(); });
 $("stop").addEventListener("click", (event) => { if (event.detail === 0) stop(); });   // keyboard, screen reader
+const writes = (place) => place.id === "note" || place.id === "filter";   // there a space is a letter
 addEventListener("keydown", (event) => {
-  if (event.code !== "Space" || event.target.type === "search") return;
+  if (event.code !== "Space" || writes(event.target)) return;
   event.preventDefault();
   event.stopPropagation();
   if (!event.repeat && !$("stop").disabled) stop();
 }, true);
 addEventListener("keyup", (event) => {        // a space also presses a button when it is released
-  if (event.code === "Space" && event.target.type !== "search") event.preventDefault();
+  if (event.code === "Space" && !writes(event.target)) event.preventDefault();
 }, true);
 let marks = 0;
-$("mark").addEventListener("click", () => send({ do: "mark", id: --marks }));
+$("marking").addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (send({ do: "mark", id: --marks, note: $("note").value })) $("note").value = "";
+  $("note").blur();                            // so that the space bar stops again
+});
 const tabs = ["operate", "plots"];
 function select(name) {
   for (const each of tabs) {

@@ -107,6 +107,8 @@ class PanelService(Service):
         )
 
     def event(self, event: dict[str, Any]) -> None:
+        if event["event"] == "end":
+            self.flush()  # the last notes come before it
         self.put(json.dumps(event).encode())
 
     def put(self, message: bytes) -> None:
@@ -125,16 +127,19 @@ class PanelService(Service):
         if self.child is None:
             return
         try:
-            answer = self.child.answer(0.0)
+            while (answer := self.child.answer(0.0)) is not None:
+                if "note" in answer:
+                    self.record({"event": "note", **answer["note"]})
+                else:
+                    self.greet(answer)
         except PanelError:
+            if self.child is None:  # it cannot listen
+                raise
             self.end_process(0.0)
             if self.starts >= START_LIMIT:
                 raise PanelError("its process died again; pages no longer show or stop the run") from None
             self.say("tickwork: the process of the panel died and is started once more; the run continues")
             self.start()
-            return
-        if answer is not None:
-            self.greet(answer)
 
     def close(self) -> dict[str, Any]:
         if self.child is None:

@@ -72,8 +72,11 @@ def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
         "for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, {bubbles: true})); })()"
     )
     tab.wait_for(f"{row}.querySelector('.applied').innerText === 'applied: 2.5 N·m'")
+    tab.evaluate("document.getElementById('note').focus()")
+    for key, code in (("a", "KeyA"), (" ", "Space"), ("b", "KeyB")):
+        tab.press(key, code)
     tab.click("#mark")
-    tab.wait_for("document.getElementById('log').innerText.includes('Mark 1')")
+    tab.wait_for("document.getElementById('log').innerText.includes('Mark 1: a b')")
     tab.click("#stop")
     assert run.end()[0] == 0
     events = [event for event in run.files.sidecar["events"] if event["event"] == "set"]

@@ -70,6 +70,24 @@ def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path
     assert [event["event"] for event in page.events][:2] == ["set", "mark"]
 
 
+def test_note_on_a_mark_is_recorded_in_one_line_and_shown_on_every_page(tmp_path):
+    with running(tmp_path) as run:
+        page, other = run.page(), run.page()
+        assert page.ask("mark", note="new\x1b[31m shoes\n<b>size 43</b> ")["number"] == 1
+        [shown] = other.until(lambda: [event for event in other.events if event["event"] == "note"])
+        page.send(do="mark", id=1, note="x" * 201)
+        page.until(lambda: page.status["refused"] == 1)
+        page.ask("mark", note="at the end")
+        page.send(do="stop")
+        assert run.end()[0] == 0
+    notes = [event for event in run.files.sidecar["events"] if event["event"] == "note"]
+    marks = [event for event in run.files.sidecar["events"] if event["event"] == "mark"]
+    assert [note["text"] for note in notes] == ["new [31m shoes <b>size 43</b>", "at the end"]
+    assert [(note["number"], note["tick"]) for note in notes] == [(mark["number"], mark["tick"]) for mark in marks]
+    assert shown["text"] == notes[0]["text"]
+    assert [event["event"] for event in runtime.load(run.files.one(".mcap")).events].count("note") == 2
+
+
 def test_changes_of_three_pages_in_turn_are_all_taken_and_recorded(tmp_path):
     with running(tmp_path) as run:
         pages, wanted = [run.page() for _ in range(3)], []

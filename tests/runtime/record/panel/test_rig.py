@@ -1,0 +1,94 @@
+"""The panel of a robot on a rig: it shows each state, stops in each of them, and arms in none."""
+
+import pytest
+
+from tests.runtime.record.panel.panels import Page, free_port
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
+from tests.runtime.runs import DISABLE, ENABLE, Files, write
+from tests.runtime.terminals import Terminal
+
+
+@pytest.fixture
+def bus(tmp_path):
+    with Bus(tmp_path) as bus:
+        yield bus
+
+
+@pytest.fixture
+def terminal():
+    with Terminal() as terminal:
+        yield terminal
+
+
+def page_of(bus, terminal, *words, law="pass"):
+    """Start a run in a terminal. Returns a page of its panel."""
+    robot = write(bus.folder, ROBOT.format(law=law, torque=1.0, blocks="", more="", drive=PATIENT))
+    address = f"127.0.0.1:{free_port()}"
+    terminal.run(robot, "--rig", bus.rig, "--panel", address, "--stop-for", "0.2", *words, cwd=bus.folder)
+    terminal.wait_for("panel: http")
+    return Page.open(f"http://{address}/")
+
+
+def await_state(page, state):
+    page.until(lambda: page.status["state"] == state)
+
+
+@pytest.mark.hazard("H4g")
+def test_page_does_not_arm_and_shows_the_trial_that_the_operator_arms(bus, terminal):
+    page = page_of(bus, terminal)
+    await_state(page, "ready")
+    for order in ("confirm", "arm", "rearm"):
+        page.send(do=order)
+    page.until(lambda: page.status["refused"] == 3)
+    assert page.status["state"] == "ready"
+    terminal.answer(b"\r", "running")
+    await_state(page, "running")
+    bus.await_torque()
+    page.send(do="stop")
+    page.until_closed()
+    assert terminal.end() == 0
+    bus.listen(0.2)
+    assert all(bus.commands(motor)[-1].data == DISABLE for motor in bus.motors)
+    [end] = [event for event in page.events if event["event"] == "end"]
+    assert end["status"] == "ok" and end["unconfirmed"] == [] and page.status["complete"]
+    told = [
+        event["event"] for event in Files(bus.folder / "recordings").sidecar["events"] if event.get("by") == "panel"
+    ]
+    assert told == ["stop"]
+
+
+@pytest.mark.hazard("H9f")
+def test_page_stops_a_run_that_waits_for_the_confirmation(bus, terminal):
+    page = page_of(bus, terminal)
+    await_state(page, "ready")
+    page.send(do="stop")
+    assert terminal.end() == 0
+    assert "stopped by a page of the panel" in terminal.look()
+    bus.listen(0.2)
+    sent = {frame.data for motor in bus.motors for frame in bus.commands(motor, asking=True)}
+    assert DISABLE in sent and ENABLE not in sent
+
+
+def test_stop_that_no_drive_confirms_is_shown_as_not_confirmed(bus, terminal):
+    page = page_of(bus, terminal, "--yes")
+    await_state(page, "running")
+    bus.drives.kill()
+    page.until_closed()
+    assert terminal.end() == 3
+    [end] = [event for event in page.events if event["event"] == "end"]
+    assert end["status"] == "silent" and sorted(end["unconfirmed"]) == ["left/knee", "right/knee"]
+
+
+@pytest.mark.hazard("H4g")
+def test_fault_that_waits_for_the_operator_is_shown_and_no_page_arms_again(bus, terminal):
+    page = page_of(bus, terminal, "--yes", "--rearm", law="assert tick != 100")
+    await_state(page, "waiting")
+    [fault] = page.until(lambda: [event for event in page.events if event["event"] == "fault"])
+    assert fault["status"] == "exception" and "AssertionError" in "\n".join(fault["report"])
+    page.send(do="rearm")
+    page.until(lambda: page.status["refused"] == 1)
+    assert page.status["state"] == "waiting"
+    terminal.answer(b"r", "arming again")
+    await_state(page, "running")
+    page.send(do="stop")
+    assert terminal.end() == 0
