@@ -2,6 +2,7 @@
 
 import json
 import struct
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, 
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
+from runtime.robot.emulation.priority import priority_of_loop
 
 FRAME = struct.Struct("=qIBBBB64s")
 CHANGE = struct.Struct("=q4i3d")
@@ -61,6 +63,7 @@ class Rig:
         self.schedule = compile(robot)
         self.buses = {name: MemoryBus() for name in self.schedule.buses}
         self.control = Program(self.schedule, [bus.host for bus in self.buses.values()])
+        self.sleeps = not virtual and options.get("spin", 0.0) == 0.0
         self.plant, substeps = None, 1
         if plant is not None:
             model = compile(plant)
@@ -79,7 +82,8 @@ class Rig:
 
     def run(self, ticks, **options):
         """Run, and take what was recorded: rows by column, frames and events in their order. Returns the Outcome."""
-        outcome = self.executor.run(ticks, **options)
+        with priority_of_loop() if self.sleeps else nullcontext():  # no load of a computer delays a tick
+            outcome = self.executor.run(ticks, **options)
         width = 2 + len(self.schedule.columns)
         rows, self.frames, self.changes, self.events = [], [], [], []
         for kind, record in self.shared.drain(1 << 30):

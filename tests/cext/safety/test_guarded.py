@@ -122,7 +122,8 @@ def test_a_loop_that_was_paused_with_its_guardian_sends_no_further_command():
     rig = guarded(pause, virtual=False)
     outcome = rig.run(200)
     resumer.communicate()
-    assert (outcome.status, outcome.tick, len(rig.commands())) == ("suspended", 20, 20) and ends_in_the_safe_stop(rig)
+    assert (outcome.status, outcome.tick) == ("suspended", 20)
+    assert len(rig.commands()) == 20 - rig.statistics()["missed"] and ends_in_the_safe_stop(rig)
     assert was_paused(rig.shared) and rig.shared.fenced and time_suspended(rig.shared) > PAUSE_LIMIT
 
 

@@ -92,8 +92,9 @@ class Bus:
 
     def __exit__(self, *exception):
         for run in self.runs:
-            if run.poll() is None:  # a test has failed: the next needs the bus
-                run.kill()
+            if run.poll() is None:  # a test has failed; a suspended guardian would keep the pipes
+                for process in family(run):
+                    process.kill()
                 run.communicate()
         if self.answering:
             self.drives.kill()
@@ -126,7 +127,7 @@ class Bus:
     def await_torque(self):
         """Until both knees are under torque."""
         for motor in self.motors:
-            if not self.listen(10.0, lambda frame: frame.identifier == motor and is_torque(frame)):
+            if not self.listen(30.0, lambda frame: frame.identifier == motor and is_torque(frame)):
                 run = self.runs[-1]
                 raise AssertionError(f"no torque to {motor}: {run.poll() is not None and run.communicate()}")
 

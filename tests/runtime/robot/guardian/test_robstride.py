@@ -1,6 +1,7 @@
 """A run with RobStride drives that is killed: its guardian stops them in extended frames and decodes their replies."""
 
 import os
+import select
 import signal
 import subprocess
 import time
@@ -56,8 +57,8 @@ def leg(tmp_path):
 def hear(node, seconds, until=lambda kind, motor, frame: False):
     """(type, motor, frame) of the commands of some time, or until one is there that is awaited."""
     heard, deadline = [], time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0:
-        message = node.recv(left)
+    while (left := deadline - time.monotonic()) > 0 or select.select([node], [], [], 0)[0]:
+        message = node.recv(max(0.0, left))
         if message is None:
             break
         kind, motor = message.arbitration_id >> 24, message.arbitration_id & 255
