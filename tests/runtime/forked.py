@@ -1,9 +1,9 @@
 """Processes that are forked from one that has imported what a run and its recorder import.
 
 Each has the arguments, folder, environment, limits and files it is given, as one that is started, but is ready after
-20 ms instead of 350 ms. A new session is controlled by the terminal of its standard error. The guardian and the
-recorder of a forked run are started as ever: forked from it, a guardian was late on a busy machine. What depends on the
-start of the interpreter needs a `subprocess.Popen`.
+20 ms instead of 350 ms. A new session is controlled by the terminal of its standard error. The recorder of a forked
+run is forked from it; its guardian is started as ever: forked from it, a guardian was late on a busy machine. What
+depends on the start of the interpreter needs a `subprocess.Popen`.
 """
 
 import atexit
@@ -20,8 +20,12 @@ import subprocess
 import sys
 import termios
 import threading
+import traceback
 from contextlib import suppress
 from importlib import import_module
+from types import SimpleNamespace
+
+from runtime.host import child_process
 
 IMPORTED = (
     "PIL.GifImagePlugin",
@@ -61,6 +65,7 @@ IMPORTED = (
     "runtime.session.session",
     "xml.etree.ElementTree",
 )
+RECORDER = "runtime.record.recorder.process"
 READ_AT_START = ("LANG", "LC_", "MALLOC_", "OPENBLAS_", "PYTHON")  # starts of names of environment variables
 STATUS = struct.Struct("i")
 MESSAGE_LIMIT = 1 << 17  # bytes
@@ -80,21 +85,9 @@ class Forked(subprocess.Popen):
         super().__init__(words, **how)
 
     def _execute_child(self, words, *how):
-        _, preexec_fn, _, pass_fds, cwd, environment, _, _, _, *pipes = how[:15]
-        start_new_session = how[20]
-        assert preexec_fn is None
-        p2cread, _, _, c2pwrite, _, errwrite = pipes
+        request, files, pipes = request_of(words, how, self._limits)
         status, their_status = os.pipe()
-        files = [own if own != -1 else number for number, own in enumerate((p2cread, c2pwrite, errwrite))]
-        request = {
-            "words": words,
-            "folder": os.fspath(cwd or os.getcwd()),
-            "environment": dict(environment),
-            "start_new_session": bool(start_new_session),
-            "limits": self._limits,
-            "places": [0, 1, 2, *pass_fds],
-        }
-        self.pid = self._server.fork(request, [their_status, *files, *pass_fds])
+        self.pid = self._server.fork(request, [their_status, *files])
         self._status, self._child_created = status, True
         os.close(their_status)
         self._close_pipe_fds(*pipes)
@@ -115,6 +108,45 @@ class Forked(subprocess.Popen):
             finally:
                 self._waitpid_lock.release()
         return self.returncode
+
+
+class ForkedRecorder(subprocess.Popen):
+    """Popen in a forked run: it forks a recorder from this process, and starts everything else as ever."""
+
+    def _execute_child(self, words, *how):
+        if RECORDER not in words:
+            return super()._execute_child(words, *how)
+        request, files, pipes = request_of(words[1:], how)
+        self.pid = os.fork()
+        if self.pid == 0:
+            try:
+                end_quickly(lambda: carry_out(**request, files=files, controlled=False))
+            except SystemExit as error:
+                print(error.code, file=sys.stderr, flush=True)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(1)
+        self._child_created = True
+        self._close_pipe_fds(*pipes)
+        return None
+
+
+def request_of(words, how, limits=None):
+    """Return (arguments of `carry_out`, its files, pipes) for what `Popen._execute_child` is called with."""
+    _, preexec_fn, _, pass_fds, cwd, environment, _, _, _, *pipes = how[:15]
+    assert preexec_fn is None
+    p2cread, _, _, c2pwrite, _, errwrite = pipes
+    files = [own if own != -1 else number for number, own in enumerate((p2cread, c2pwrite, errwrite))]
+    request = {
+        "words": words,
+        "folder": os.fspath(cwd or os.getcwd()),
+        "environment": dict(os.environ if environment is None else environment),
+        "start_new_session": bool(how[20]),
+        "limits": limits or {},
+        "places": [0, 1, 2, *pass_fds],
+    }
+    return request, [*files, *pass_fds], pipes
 
 
 class Server:
@@ -206,12 +238,15 @@ def end_quickly(program):
     os._exit((ended.code or 0) & 0xFF)
 
 
-def carry_out(words, folder, environment, start_new_session, places, limits, files):
-    """Do what Python does that was started with these words, and these files under the numbers `places`."""
+def carry_out(words, folder, environment, start_new_session, places, limits, files, controlled=True):
+    """Do what Python does that was started with these words, and these files under the numbers `places`.
+
+    controlled : whether the terminal of standard error controls a new session
+    """
     if start_new_session:
         os.setsid()
     arrange(files, places)
-    if start_new_session and os.isatty(2):
+    if start_new_session and controlled and os.isatty(2):
         fcntl.ioctl(2, termios.TIOCSCTTY, 0)
     os.environ.clear()
     os.environ.update(environment)
@@ -219,6 +254,8 @@ def carry_out(words, folder, environment, start_new_session, places, limits, fil
     renew_standard_streams()
     for limit, value in limits.items():
         resource.setrlimit(getattr(resource, limit), (value, value))
+    if not limits:
+        child_process.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": ForkedRecorder})
     (kind, name, *arguments) = words
     sys.orig_argv[:] = [sys.executable, *words]
     sys.argv[:] = [kind, *arguments]
