@@ -224,7 +224,7 @@ def plant(robot):
 """
 
 
-@pytest.mark.timing
+@pytest.mark.paced
 def test_the_table_before_arming_is_that_of_the_page(tmp_path):
     group = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.79"
     bus = f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n'

@@ -50,6 +50,8 @@ with runtime.connect(sys.argv[1], fast=False, loop_timeout=20.0) as robot:
 BEGIN_OF_CALL = re.compile(r' +File "[^"]+/runtime/host/interrupts\.py", line \d+, in call\n +def call\(.*\n')
 OWN = "runtime.check(sys.argv[1]); print('checked', flush=True); time.sleep(20.0)"
 
+MOMENTS = [pytest.param(0.02 * step, marks=[pytest.mark.soak] * (step % 2)) for step in range(20)]  # s, of the start
+
 
 class Program:
     """A program that has reached its call."""
@@ -79,7 +81,7 @@ def assert_ends_with_one_line(program, after=0.0):
     assert program.process.returncode == -signal.SIGINT
 
 
-@pytest.mark.parametrize("after", [0.02 * step for step in range(20)] + [0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("after", [*MOMENTS, 0.5, 0.7, 1.0, 1.5])
 def test_a_run_in_real_time_is_stopped_without_a_traceback(tmp_path, after):
     assert_ends_with_one_line(Program(tmp_path, REAL_TIME, as_file=True), after)
 

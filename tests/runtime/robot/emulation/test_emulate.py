@@ -19,7 +19,7 @@ from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import read
 from tests.runtime.runs import Files, finished, knee, started, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import os
 import select
 import subprocess
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import can
@@ -93,8 +94,9 @@ class Bus:
     def __exit__(self, *exception):
         for run in self.runs:
             if run.poll() is None:  # a test has failed; a suspended guardian would keep the pipes
-                for process in family(run):
-                    process.kill()
+                with suppress(psutil.NoSuchProcess):
+                    for process in family(run):
+                        process.kill()
                 run.communicate()
         if self.answering:
             self.drives.kill()

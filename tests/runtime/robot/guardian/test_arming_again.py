@@ -12,7 +12,7 @@ from tests.runtime.robot.guardian.bus import ROBOT, Bus, assert_nothing_is_left,
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, TORQUE_STEP, Files, finished, knee, torque_of, write
 from tests.runtime.terminals import Terminal
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 NAN = "if 60 <= tick < 300: return float('nan'), False"
 WAITS = "the run waits in its safe stop: press r to arm again; space to end"

@@ -55,8 +55,8 @@ def misled(bus, deed, *words, allowed=STOP):
     """
     lines = ["import os, resource, signal, sys", "", "", "def do():", textwrap.indent(deed, "    "), ""]
     (bus.folder / "deed.py").write_text("\n".join(lines))
-    blocks = "import os, sys\n\n\ndef once():\n    if 'deed' not in sys.modules:\n"
-    blocks += "        sys.path[:0] = [os.path.dirname(__file__)]\n        import deed\n\n        deed.do()\n"
+    blocks = "import os, sys\nsys.path[:0] = [os.path.dirname(__file__)]\nimport deed\n\ndone = []\n\n\n"
+    blocks += "def once():\n    if not done:\n        done.append(True)\n        deed.do()\n"
     process = bus.start("--record", "out", *words, law="if tick >= 40: once()", blocks=blocks)
     bus.await_torque()
     everybody = family(process)

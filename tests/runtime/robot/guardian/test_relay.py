@@ -13,12 +13,13 @@ import tty
 import pytest
 
 from blocks.charge_pump import ChargePump
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.guardian.relay import Relay
 from tests.blocks.test_charge_pump import message
 from tests.runtime.robot.guardian.bus import Bus, guardian_of
 from tests.runtime.runs import DISABLE
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 LATE = 0.08  # s, on a machine that may be busy; a period is 5 ms
 HOLD = 0.3  # s
@@ -36,6 +37,7 @@ class Microcontroller:
         self.thread.start()
 
     def listen(self):
+        take_priority()
         heard, newest = b"", None
         while not self.over.is_set():
             if not select.select([self.master], [], [], 0.05)[0]:

@@ -104,7 +104,7 @@ def test_a_safe_stop_in_a_position_mode_sets_the_current_limit_to_zero_first(leg
     assert hear(
         node, 10.0, lambda kind, to, frame: kind == 18 and frame[1][:4] == CURRENT_LIMIT and frame[1][4:] != bytes(4)
     )
-    time.sleep(0.2)
+    hear(node, 0.2)
     process.kill()
     after = hear(node, 0.6)
     _, err = process.communicate(timeout=10)
