@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
+from runtime.host.console.styles import console_for
 from runtime.host.console.terminal import print_lines, print_to_stderr, program, reopen_streams
 from runtime.host.errors import BadInput
 
@@ -55,7 +57,8 @@ def carry_out_session(session: Session) -> Result:
         raise BadInput(str(error)) from None
     reopen_streams()
     if result.outcome.faulted:
-        print_to_stderr(result.report)
+        console = console_for(sys.stderr)
+        print_to_stderr(piece for line in result.report for piece in console.fold(line))
     elif (reason := summary.stop_reason(result.outcome)) is not None:
         print_to_stderr([reason])
     return result

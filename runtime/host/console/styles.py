@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from graph.diagnostics import Location
 
 TEXT_WIDTH_MINIMUM, NARROW_INDENT = 20, 8  # columns: of text beside a head; indent of text below a head instead
+FOLD_INDENT = 4  # columns
 _STYLE = re.compile(r"\x1b\[[0-9]*m")
+_LABEL = re.compile(r"\s{1,6}\S+( \S+)*\s\s+|\s+")  # the first of several columns, or an indent
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,11 @@ class Console:
         )
         return [head + style(first.lstrip()), *(" " * indent + style(piece) for piece in rest)]
 
+    def fold(self, line: str) -> list[str]:
+        """Return a line without styles as lines of at most the width, with a hanging indent below its second column."""
+        head = _LABEL.match(line)
+        return self.hang(head[0], line[head.end() :]) if head else self.hang("", line, indent=FOLD_INDENT)
+
     def cut(self, text: str) -> str:
         """Return a text shortened to the width."""
         return text if self.width is None or len(text) <= self.width else text[: self.width - 1].rstrip() + "…"
@@ -89,7 +96,7 @@ class Console:
 def console_for(stream: TextIO | None = None) -> Console:
     """Return the Console of a stream, by default of standard output."""
     stream = stream or sys.stdout
-    if stream is None or not stream.isatty():
+    if stream is None or stream.closed or not stream.isatty():  # closed by a block
         return Console()
     return Console(
         shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -228,6 +228,8 @@ class Panel:
                 part(8.5, f"{name} {', '.join(texts)}", colour="bold"),
                 part(4.5, f"({', '.join(bounds)})", joined=True),
             ]
+        if self.keyboard.in_foreground and self.shared.state not in PROMPTS:
+            parts.insert(0, part(8.9, "space stops"))
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
         elif self.chosen is None and self.keyboard.in_foreground:

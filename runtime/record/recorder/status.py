@@ -1,17 +1,19 @@
 """The status line of a run on a terminal, refreshed ten times a second.
 
-    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 ·
-    left/knee ━━╌╌  −4.5 N·m
+    running ━━━━╌╌╌╌ 5.3/10 s · space stops · REC exo.mcap · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full ·
+    missed 0 · dropped 0 · 41 °C · left/knee ━━╌╌  −4.5 N·m  31°
 
-    running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▃▁
+    running 5.3/10 s  space stops  REC  200 Hz  legs 21 %  lost 0  41 °C  τ −4.5 N·m
 
 The second form fits 80 columns. The parameter selected with the keys follows the time. A bar is the share of the torque
-limit. Lateness is the median and the 99th percentile since the start; rate, load and bus load are averages over the
-last second: for CAN the share of the bitrate, for other buses frames per second.
+limit, and the temperature that of the hottest drive. Lateness is the median and the 99th percentile since the start;
+rate, load and bus load are averages over the last second: for CAN the share of the bitrate, for other buses frames per
+second.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -26,7 +28,6 @@ RATE_WINDOW = 10  # refreshes
 WIDENING_DELAY = 30  # refreshes with room for a longer form before it is shown, against flicker
 OPERATOR_IMPORTANCE = 8.0  # least importance of the parts that answer a key, which are shown as soon as they fit
 TORQUE_BAR = 4  # characters
-LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"  # torque bars of one character
 HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95  # share of the time in ticks; of the limit
 STATES = {
     "running": "green",
@@ -46,6 +47,7 @@ class StatusLine:
         self.terminal, self.plan, self.shared = terminal, plan, shared
         self.panel, self.recording = panel, recording
         self.torques = torques_of(plan)
+        self.temperatures = [2 + place for place, signal in enumerate(plan["signals"]) if signal["unit"] == "°C"]
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history, self.state = deque(maxlen=RATE_WINDOW + 1), None  # of the present state alone
@@ -70,9 +72,10 @@ class StatusLine:
             statistics,
             rates(self.history),
             self.terminal.unicode,
-            [] if self.panel is None else self.panel.parts(now),
+            [*([] if self.panel is None else self.panel.parts(now)), recording_part(self.plan)],
         )
         if self.recording is not None and self.recording.newest is not None:
+            parts += temperature_part(self.temperatures, self.recording.newest)
             parts += torque_part(self.torques, self.recording.newest, self.terminal.unicode)
         columns = self.terminal.columns
         if columns != self.columns:
@@ -90,37 +93,48 @@ class StatusLine:
         self.terminal.erase()
 
 
-def torques_of(plan: Plan) -> list[tuple[str, int, float]]:
-    """Return [(name of the actuator, index in the recorded row, limit)] of the actuators with known limits."""
+def torques_of(plan: Plan) -> list[tuple[str, int, float, int | None]]:
+    """Return [(name of the actuator, index of its torque in the recorded row, limit, index of its position)] of the
+    actuators with known limits; None for a position that is not recorded or not an angle.
+    """
     limits = {path: max(map(abs, ends)) for path, ends in plan.get("limits", {}).items() if path.endswith(".torque")}
+    angles = {signal["path"]: 2 + place for place, signal in enumerate(plan["signals"]) if signal["unit"] == "rad"}
+    names = [signal["path"].removesuffix(".torque") for signal in plan["signals"]]
     return [
-        (signal["path"].removesuffix(".torque"), 2 + place, limits[signal["path"]])
-        for place, signal in enumerate(plan["signals"])
-        if limits.get(signal["path"])
+        (name, 2 + place, limits[f"{name}.torque"], angles.get(f"{name}.position"))
+        for place, name in enumerate(names)
+        if limits.get(f"{name}.torque")
     ]
 
 
-def torque_part(torques: list[tuple[str, int, float]], row: Sequence[float], unicode: bool) -> list[Any]:
+def temperature_part(places: list[int], row: Sequence[float]) -> list[Any]:
+    """Return a list with the part of the highest temperature, empty without any. places : indices in the row"""
+    values = [row[place] for place in places if row[place] == row[place]]
+    return [part(5, f"{max(values):.0f} °C")] if values else []
+
+
+def recording_part(plan: Plan) -> Any:
+    """Return the part that shows whether, and in which file, the run is recorded."""
+    return part(7.7, f"REC {plan['stem']}.mcap", "REC") if plan["folder"] is not None else part(7.7, "not recorded")
+
+
+def torque_part(torques: list[tuple[str, int, float, int | None]], row: Sequence[float], unicode: bool) -> list[Any]:
     """Return a list with the part of the torques, empty without torques. row : tick, lateness, values"""
-    long, middle, shares = [], [], []
-    for name, place, limit in torques:
+    long, named, short = [], [], []
+    for name, place, limit, angle in torques:
         torque, share = row[place], abs(row[place]) / limit
-        colour = "red" if share > HIGH_TORQUE else None
-        if share != share:  # NaN, which ends the run with a fault
-            shares.append(("!", "red"))
-            continue
-        text = f"{torque:{len(f'{-limit:.1f}')}.1f} N·m"
-        short = f"{name} {bar(share, unicode, TORQUE_BAR)}"
-        long += [
-            (" · " if unicode else " | ", None),
-            (f"{short} {text.replace('-', '−') if unicode else text}", colour),
-        ]
-        middle += [(" ", None), (short, colour)]
-        levels = LEVELS[unicode]
-        shares.append((levels[min(len(levels) - 1, int(share * len(levels)))], colour))
+        is_known = share == share  # NaN ends the run with a fault
+        colour = None if share <= HIGH_TORQUE else "red"
+        number = f"{round(torque, 1) + 0.0:{len(f'{-limit:.1f}')}.1f}".replace("-", "−" if unicode else "-")
+        number, level = (number, bar(share, unicode, TORQUE_BAR)) if is_known else ("!", "!" * TORQUE_BAR)
+        degrees = "" if angle is None or row[angle] != row[angle] else f" {math.degrees(row[angle]):.0f}°"
+        long += [(" · " if unicode else " | ", None), (f"{name} {level} {number} N·m{degrees}", colour)]
+        named += [(", ", None), (f"{name} {number.strip()}", colour)]
+        short += [(" ", None), (number.strip(), colour)]
     if not torques:
         return []
-    return [part(3.5, long[1:], middle[1:], [("τ " if unicode else "tau ", None), *shares])]
+    unit = (" N·m", None)
+    return [part(8.1, long[1:], [*named[1:], unit], [("τ" if unicode else "tau", None), *short, unit])]
 
 
 def rates(history: Sequence[tuple[float, ...]]) -> tuple[float, ...] | None:
@@ -143,7 +157,7 @@ def describe(
     """Return the parts of the line in order.
 
     speeds : as `rates` returns it
-    chosen : parts of the panel
+    chosen : parts that follow the time
     """
     seconds = (statistics["last_tick"] + 1) / plan["rate"]
     duration = plan["duration"]

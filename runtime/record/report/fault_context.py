@@ -73,8 +73,8 @@ def nearby(diagram: Diagram, block: Block | None) -> Iterator[str]:
 
 
 def actuators(result: RunResult) -> list[str]:
-    """Return a table of each actuator's last command, last feedback and state."""
-    table = [["actuator", "command", "feedback", "state"]]
+    """Return each actuator's state, last command and last feedback, a line each."""
+    lines = []
     schedule, values, inputs = result.schedule, result.control.final, result.control.inputs
     for block in result.diagram:
         if not isinstance(block, Actuator):
@@ -89,23 +89,18 @@ def actuators(result: RunResult) -> list[str]:
         }
         wired = {wire.port for wire in result.diagram.wires if wire.block is block}
         asked = {name: value for name, value in inputs(block.path).items() if name in wired}
-        table.append(
-            [
-                block.path,
-                _values_text(block.inputs, asked, "_command")
-                + "".join(f"; {text}" for text in [_values_text(block.outputs, sent)] if text),
-                _values_text(
-                    block.outputs,
-                    {
-                        name: value
-                        for name, value in outputs.items()
-                        if name not in ("fault", "age", "active") and not absent(name, value)
-                    },
-                ),
-                state_text(block, outputs, result),
-            ]
-        )
-    return align_columns(table) if len(table) > 1 else []
+        command = [_values_text(block.inputs, asked, "_command"), _values_text(block.outputs, sent)]
+        feedback = {
+            name: value
+            for name, value in outputs.items()
+            if name not in ("fault", "age", "active") and not absent(name, value)
+        }
+        lines += [
+            f"{block.path}: {state_text(block, outputs, result)}",
+            f"  command   {'; '.join(filter(None, command))}",
+            f"  feedback  {_values_text(block.outputs, feedback)}",
+        ]
+    return lines
 
 
 def _values_text(ports: Mapping[str, Any], values: dict[str, float], suffix: str = "") -> str:
@@ -144,10 +139,8 @@ def _number(value: float) -> str:
 
 def align_columns(table: Sequence[list[str]]) -> list[str]:
     """Return rows of cells as lines with aligned columns, numbers to the right."""
-    widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
-    numeric = {
-        place for place in range(1, len(widths)) if all(_is_number(row[place]) for row in table[1:] if place < len(row))
-    }
+    widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
+    numeric = {place for place in range(1, len(widths)) if all(_is_number(row[place]) for row in table[1:])}
     return [
         "  "
         + "  ".join(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.sinks import PlotJuggler
 from graph import Device
-from runtime.host.console.styles import count
+from runtime.host.console.styles import console_for, count
 from runtime.host.errors import FAULT, NOT_RECORDED, OK
 from runtime.record.analysis.average_stride import left_out_text, signals_texts
 from runtime.record.report.failure_coverage import drives_left_commanded, nothing_stops
@@ -144,7 +144,11 @@ def summary(result: RunResult) -> list[str]:
         row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{_note(file)}")
     for problem in result.recording.get("problems", []):
         row("recorder", problem)
-    return rows
+    if not result.recording.get("files"):
+        why = "--no-record" if result.request.no_record else "the diagram has no recorder"
+        row("files", f"nothing was recorded: {why}")
+    console = console_for()
+    return [line for row in rows for line in console.fold(row)]
 
 
 def _ticks_text(statistics: dict[str, Any], asked: int) -> str:

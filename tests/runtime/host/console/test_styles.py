@@ -52,3 +52,20 @@ def test_overlong_text_is_truncated():
 
 def test_counts_have_singular_and_plural():
     assert count(1, "block") == "1 block" and count(2, "block") == "2 blocks" and count(0, "error") == "0 errors"
+
+
+def test_a_line_wider_than_the_terminal_is_wrapped_below_its_second_column():
+    console = Console(40)
+    assert console.fold("  safe stop   zero torque, then disable: confirmed by left/knee") == [
+        "  safe stop   zero torque, then disable:",
+        "              confirmed by left/knee",
+    ]
+    assert console.fold(" " * 14 + "out/knee_12.mcap  (779 ticks of 46 signals)") == [
+        " " * 14 + "out/knee_12.mcap  (779",
+        " " * 14 + "ticks of 46 signals)",
+    ]
+    assert console.fold("FAULT at knee, tick 148 (0.74 s): it is outside") == [
+        "FAULT at knee, tick 148 (0.74 s): it",
+        "    is outside",
+    ]
+    assert console.fold("  short") == ["  short"] and Console().fold("x " * 99) == ["x " * 99]

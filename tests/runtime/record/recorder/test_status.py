@@ -15,7 +15,15 @@ import pytest
 from runtime.host.console.progress import Progress, rounds
 from runtime.host.console.status_layout import compose, fit, part
 from runtime.host.console.stderr import Terminal
-from runtime.record.recorder.status import WIDENING_DELAY, StatusLine, describe, rates, torque_part
+from runtime.record.recorder.status import (
+    WIDENING_DELAY,
+    StatusLine,
+    describe,
+    rates,
+    recording_part,
+    temperature_part,
+    torque_part,
+)
 from tests.runtime.record.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
@@ -90,10 +98,10 @@ def test_colours_mark_problems_and_state():
 
 
 EXOSKELETON = plan(None, duration=10.0, virtual=False, buses=["legs"], bitrates={"legs": 1e6})
-TORQUES = [("left/knee", 2, 18.0), ("right/knee", 3, 10.0)]
+TORQUES = [("left/knee", 2, 18.0, 4), ("right/knee", 3, 10.0, None)]
 
 
-def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
+def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0, 0.55)):
     parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, load, 800.0, 800.0, 0.21e6), unicode) + torque_part(
         TORQUES, row, unicode
     )
@@ -101,9 +109,10 @@ def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
 
 
 def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
-    hint = [part(1, "? lists the keys", "? keys")]
+    hint = [part(8.9, "space stops"), part(1, "? lists the keys", "? keys"), recording_part({"folder": "", "stem": "exo"})]
     parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, 0.031, 800.0, 800.0, 0.21e6), True, hint)
-    parts += torque_part([("left/knee", 2, 9.0), ("right/knee", 3, 9.0)], (7, 0.0, -4.5, 1.0), True)
+    row = (7, 0.0, -4.5, 1.0, 0.54, 41.3, float("nan"))
+    parts += temperature_part([5, 6], row) + torque_part([("left/knee", 2, 9.0, 4), ("right/knee", 3, 9.0, 4)], row, True)
     page = (ROOT / "docs" / "reference" / "running.md").read_text()
     shown = re.findall(r"^    (running .*)$", page, re.MULTILINE)
     assert shown == [fit(parts, width, False, True)[0] for width in (200, 79)]
@@ -116,24 +125,23 @@ def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
             200,
             True,
             "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · "
-            "dropped 0 · "
-            "left/knee ━━╌╌  −9.1 N·m · right/knee ━╌╌╌   2.0 N·m",
+            "dropped 0 · left/knee ━━╌╌  −9.1 N·m 32° · right/knee ━╌╌╌   2.0 N·m",
         ),
         (
             120,
             True,
-            "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · left/knee "
-            "━━╌╌ right/knee ━╌╌╌",
+            "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · lost 0 · left/knee −9.1, "
+            "right/knee 2.0 N·m",
         ),
         (
             99,
             True,
-            "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · missed 0 · dropped 0 · τ ▅▂",
+            "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · τ −9.1 2.0 N·m",
         ),
-        (79, True, "running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▅▂"),
-        (60, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · lost 0 · τ ▅▂"),
-        (40, True, "running 5.3/10 s  200.0 Hz  lost 0  τ ▅▂"),
-        (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
+        (79, True, "running 5.3/10 s · 200 Hz · late 61/240 µs · load 3 % · lost 0 · τ −9.1 2.0 N·m"),
+        (60, True, "running 5.3/10 s  200.0 Hz  load 3 %  lost 0  τ −9.1 2.0 N·m"),
+        (40, True, "running 5.3/10 s  200 Hz  τ −9.1 2.0 N·m"),
+        (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  lost 0  tau -9.1 2.0 N*m"),
     ],
 )
 def test_status_fits_80_columns_and_drops_least_important_first(width, unicode, expected):
@@ -141,7 +149,24 @@ def test_status_fits_80_columns_and_drops_least_important_first(width, unicode, 
 
 
 def test_a_high_load_remains_visible_on_a_narrow_terminal():
-    assert "load 91" in exoskeleton(45, load=0.91) and "load" not in exoskeleton(45)
+    assert "load 91" in exoskeleton(50, load=0.91) and "load" not in exoskeleton(50)
+
+
+def test_torque_and_the_key_that_stops_remain_at_45_columns_while_a_parameter_changes():
+    keys = [part(8.9, "space stops"), part(8.5, "*/profile.scale 0.55"), part(4.5, "(0 to 1)", joined=True)]
+    parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, 0.031, 800.0, 800.0, 0.21e6), True, keys)
+    shown = fit(parts + torque_part(TORQUES, (7, 0.0, -9.1, 2.0, 0.55), True), 60, False, True)[0]
+    assert shown == "running  space stops  */profile.scale 0.55  τ −9.1 2.0 N·m"
+
+
+def test_a_torque_that_is_not_a_number_is_marked():
+    assert "τ ! 2.0 N·m" in exoskeleton(79, row=(7, 0.0, float("nan"), 2.0, 0.55))
+
+
+def test_the_hottest_drive_is_shown_and_a_run_without_a_recording():
+    assert temperature_part([2, 3, 4], (7, 0.0, 30.2, float("nan"), 41.7)[:]) == [part(5, "42 °C")]
+    assert temperature_part([2], (7, 0.0, float("nan"))) == []
+    assert recording_part({"folder": None, "stem": "exo_12"}).forms == ("not recorded",)
 
 
 class Sheet:
@@ -159,7 +184,7 @@ class Sheet:
 def test_the_status_line_keeps_its_form_for_three_seconds():
     """Ten times a second from one form to the other and back: that would flicker."""
     sheet, shared = Sheet(), Still()
-    sheet.columns = 1 + len("running ━━━━━━━━ 9.9/10 s · missed 0 · dropped 0")
+    sheet.columns = 1 + len("running ━━━━━━━━ 9.9/10 s · not recorded · missed 0 · dropped 0")
     status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=10.0, rate=200.0), shared)
     now = 0.0
 
@@ -171,7 +196,7 @@ def test_the_status_line_keeps_its_form_for_three_seconds():
         status.update(now)
         return sheet.line
 
-    long, short = "running ━━━━━━━━ 9.9/10 s · missed 0 · dropped 0", "running 10.0/10 s · missed 0 · dropped 0"
+    long, short = (f"running {time} · not recorded · missed 0 · dropped 0" for time in ("━━━━━━━━ 9.9/10 s", "10.0/10 s"))
     assert drawn(1979) == long and drawn(1999) == short
     assert [drawn(1979) for _ in range(WIDENING_DELAY + 1)] == [short.replace("10.0/", "9.9/")] * (
         WIDENING_DELAY - 1
@@ -353,7 +378,8 @@ class Heard:
 
 def test_each_torque_has_a_bar_of_its_limit(screen):
     slave, seen = screen
-    signals = [{"path": path} for path in ("left/knee.position", "left/knee.torque", "right/knee.torque")]
+    units = {"left/knee.position": "rad", "left/knee.torque": "N·m", "right/knee.torque": "N·m"}
+    signals = [{"path": path, "unit": unit} for path, unit in units.items()]
     limits = {"left/knee.torque": [-18.0, 18.0], "right/knee.torque": [-10.0, 10.0], "left/knee.position": [0.0, 2.0]}
     status = StatusLine(
         terminal(slave),
@@ -363,14 +389,15 @@ def test_each_torque_has_a_bar_of_its_limit(screen):
         Heard([], (7, 0.0, 0.4, -9.1, 9.9)),
     )
     [part] = torque_part(status.torques, status.recording.newest, True)
-    assert part.pieces(0)[::2] == [("left/knee ━━╌╌  −9.1 N·m", None), ("right/knee ━━━━   9.9 N·m", "red")]
-    assert part.pieces(2) == [("τ ", None), ("▅", None), ("█", "red")]
+    assert part.pieces(0)[::2] == [("left/knee ━━╌╌  −9.1 N·m 23°", None), ("right/knee ━━━━   9.9 N·m", "red")]
+    assert part.pieces(2) == [("τ", None), (" ", None), ("−9.1", None), (" ", None), ("9.9", "red"), (" N·m", None)]
     [ascii_part] = torque_part(status.torques, (7, 0.0, 0.4, float("nan"), -5.0), False)
     assert (
-        ascii_part.pieces(0) == [("right/knee ##..  -5.0 N·m", None)]
+        ascii_part.pieces(0)[::2]
+        == [("left/knee !!!! ! N·m 23°", "red"), ("right/knee ##..  -5.0 N·m", None)]
         and "".join(text for text, _ in compose([ascii_part], [], False)).isascii()
     )
-    assert "".join(text for text, _ in ascii_part.pieces(2)) == "tau !+"
+    assert "".join(text for text, _ in ascii_part.pieces(2)) == "tau ! -5.0 N·m"
 
 
 def test_status_shows_bus_load_or_frame_rate(screen):
@@ -396,7 +423,7 @@ def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
     """
     with PseudoTerminal() as shown:
         shown.run(KNEE_EXO, "--duration", "20", "--no-record", cwd=tmp_path)
-        full = int(shown.wait_for(r"running .* legs (\d+) % .* left/knee [━╌]{4}")[1])
+        full = int(shown.wait_for(r"running .* legs (\d+) % .* (?:τ −?[0-9.]+ −?[0-9.]+ N·m|left/knee)")[1])
         # the window is short, the machine may be busy
         assert 0.85 * 800 * 111 / 1e6 < 0.01 * full < 1.15 * 800 * 135 / 1e6
         shown.press(b" ")
