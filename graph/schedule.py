@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct
 
+from cext.rules import LiveRule, Side
 from graph.arena_layout import KernelTable
-
-if TYPE_CHECKING:
-    from cext.rules import LiveRule, Side
-    from graph.block import Block
-    from graph.budget import BusLoad
-    from graph.caveats import Caveat
-    from graph.device_data import DampedStop, Frame, StopReply, TorqueBound, Watch, Zeroing
-    from graph.diagnostics import Diagnostic
-    from graph.interval import Interval
+from graph.budget import BusLoad
+from graph.caveats import Caveat
+from graph.device_data import DampedStop, Frame, StopReply, TorqueBound, Watch, Zeroing
+from graph.diagnostics import Diagnostic
+from graph.interval import Interval
 
 Shape: TypeAlias = tuple[int, ...]
 
@@ -215,7 +212,7 @@ class Schedule(Struct):
     columns: np.ndarray  # slots of the recorded numbers
     recorded: list[Column]  # one for each of them, by the path of its signal
     sinks: list[SinkColumns]
-    python_blocks: list[Block]
+    python_blocks: list[Any]  # of Block, whose module imports this one
     inputs: dict[str, dict[str, int]]  # path: {input name: slot}, scalars only
     parameters: dict[str, int]  # "left/impedance.stiffness": slot, native blocks only
     items: dict[str, dict[str, tuple[int, int]]]  # path: {port, parameter, memory: (slot, length)}, native blocks only

@@ -109,10 +109,16 @@ def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0, 0.55)):
 
 
 def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
-    hint = [part(8.9, "space stops"), part(1, "? lists the keys", "? keys"), recording_part({"folder": "", "stem": "exo"})]
+    hint = [
+        part(8.9, "space stops"),
+        part(1, "? lists the keys", "? keys"),
+        recording_part({"folder": "", "stem": "exo"}),
+    ]
     parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, 0.031, 800.0, 800.0, 0.21e6), True, hint)
     row = (7, 0.0, -4.5, 1.0, 0.54, 41.3, float("nan"))
-    parts += temperature_part([5, 6], row) + torque_part([("left/knee", 2, 9.0, 4), ("right/knee", 3, 9.0, 4)], row, True)
+    parts += temperature_part([5, 6], row) + torque_part(
+        [("left/knee", 2, 9.0, 4), ("right/knee", 3, 9.0, 4)], row, True
+    )
     page = (ROOT / "docs" / "reference" / "running.md").read_text()
     shown = re.findall(r"^    (running .*)$", page, re.MULTILINE)
     assert shown == [fit(parts, width, False, True)[0] for width in (200, 79)]
@@ -133,11 +139,7 @@ def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
             "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · lost 0 · left/knee −9.1, "
             "right/knee 2.0 N·m",
         ),
-        (
-            99,
-            True,
-            "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · τ −9.1 2.0 N·m",
-        ),
+        (99, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · τ −9.1 2.0 N·m"),
         (79, True, "running 5.3/10 s · 200 Hz · late 61/240 µs · load 3 % · lost 0 · τ −9.1 2.0 N·m"),
         (60, True, "running 5.3/10 s  200.0 Hz  load 3 %  lost 0  τ −9.1 2.0 N·m"),
         (40, True, "running 5.3/10 s  200 Hz  τ −9.1 2.0 N·m"),
@@ -196,7 +198,9 @@ def test_the_status_line_keeps_its_form_for_three_seconds():
         status.update(now)
         return sheet.line
 
-    long, short = (f"running {time} · not recorded · missed 0 · dropped 0" for time in ("━━━━━━━━ 9.9/10 s", "10.0/10 s"))
+    long, short = (
+        f"running {time} · not recorded · missed 0 · dropped 0" for time in ("━━━━━━━━ 9.9/10 s", "10.0/10 s")
+    )
     assert drawn(1979) == long and drawn(1999) == short
     assert [drawn(1979) for _ in range(WIDENING_DELAY + 1)] == [short.replace("10.0/", "9.9/")] * (
         WIDENING_DELAY - 1
@@ -393,8 +397,7 @@ def test_each_torque_has_a_bar_of_its_limit(screen):
     assert part.pieces(2) == [("τ", None), (" ", None), ("−9.1", None), (" ", None), ("9.9", "red"), (" N·m", None)]
     [ascii_part] = torque_part(status.torques, (7, 0.0, 0.4, float("nan"), -5.0), False)
     assert (
-        ascii_part.pieces(0)[::2]
-        == [("left/knee !!!! ! N·m 23°", "red"), ("right/knee ##..  -5.0 N·m", None)]
+        ascii_part.pieces(0)[::2] == [("left/knee !!!! ! N·m 23°", "red"), ("right/knee ##..  -5.0 N·m", None)]
         and "".join(text for text, _ in compose([ascii_part], [], False)).isascii()
     )
     assert "".join(text for text, _ in ascii_part.pieces(2)) == "tau ! -5.0 N·m"

@@ -156,7 +156,9 @@ def test_ending_a_waiting_run_exits_with_the_fault(bus, terminal):
     under_torque(bus, terminal, "--no-record", law=NAN)
     terminal.wait_for("press r to arm again")
     terminal.press(b" ")
-    assert terminal.end() == 3 and "a command is NaN or infinite; it was not armed again" in " ".join(terminal.look().split())
+    assert terminal.end() == 3 and "a command is NaN or infinite; it was not armed again" in " ".join(
+        terminal.look().split()
+    )
 
 
 def test_rearm_is_refused_without_operator_input(command_line):
