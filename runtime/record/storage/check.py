@@ -41,7 +41,7 @@ def inspect(layout: Layout, chunk: Chunk, messages: Messages) -> Inspected:
     Raises BadInput if the rows of a chunk with a valid checksum are not those of the recorded signals; ValueError or
     LookupError if it is damaged.
     """
-    bad = []
+    bad: list[int] = []
     for channel in messages.offsets.keys() - layout.topics.keys():
         if chunk.headless:
             bad.append(messages.offsets[channel][0])
@@ -76,7 +76,7 @@ def inspect(layout: Layout, chunk: Chunk, messages: Messages) -> Inspected:
 
 def damaged_content(layout: Layout, chunk: Messages) -> list[int]:
     """Return the position of the first invalid message with frames, and of that with an event."""
-    bad = []
+    bad: list[int] = []
     for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
         try:
             content()
@@ -108,8 +108,9 @@ class Check:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout, self.gaps = layout, []
-        self.chunks, self.count = [], 0
+        self.layout, self.count = layout, 0
+        self.gaps: list[Gap] = []
+        self.chunks: list[Chunk] = []
         self.indices: list[tuple[int, int]] = []
         self.last: int | None = None  # complete tick
         self.begin()

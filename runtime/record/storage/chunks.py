@@ -10,6 +10,7 @@ import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,13 +73,13 @@ class Chunk:
     compression: str
     size: int
     end: int
-    counts: dict[int, int] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict[int, int])
     headless: bool = False
     checksum: int | None = None
     is_unverified: bool = False
     is_indexed: bool = True
     limit: int | None = None
-    trim: dict[int, tuple[int, int]] = field(default_factory=dict)
+    trim: dict[int, tuple[int, int]] = field(default_factory=dict[int, tuple[int, int]])
 
 
 class Messages(NamedTuple):
@@ -206,7 +207,8 @@ def places_of(indices: memoryview) -> dict[int, np.ndarray] | None:
 
     indices : bytes of the MessageIndex records
     """
-    at, found = 0, {}
+    at = 0
+    found: dict[int, np.ndarray] = {}
     while at + INDEX.size <= len(indices):
         kind, length, channel, size = INDEX.unpack_from(indices, at)
         at += INDEX.size
@@ -263,7 +265,8 @@ def walk_messages(plain: Any, only_messages: bool = False) -> Messages:
 
     only_messages : whether any other record ends them
     """
-    offsets, others = {}, []
+    offsets: dict[int, list[int]] = {}
+    others: list[tuple[int, bytes]] = []
     at, size = 0, len(plain)
     head, message = HEAD.unpack_from, MESSAGE.unpack_from
     while at + HEAD.size <= size:
@@ -328,9 +331,8 @@ def zstd(data: Any, limit: int) -> bytes:
 
 def lz4(data: Any, limit: int) -> bytes:
     """Return at most `limit` bytes of the content of an LZ4 frame. Raises ValueError."""
-    import lz4.frame
-
+    frame = import_module("lz4.frame")
     try:
-        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit)
+        return frame.LZ4FrameDecompressor().decompress(data, max_length=limit)
     except (RuntimeError, EOFError) as error:
         raise ValueError(str(error)) from None

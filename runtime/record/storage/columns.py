@@ -53,7 +53,8 @@ class Layout:
             for index, bus in enumerate(about["buses"])
             if messages.BUS + bus in channels
         }
-        self.subsystems, self.rows = {}, {}
+        self.subsystems: dict[int, messages.Subsystem] = {}
+        self.rows: dict[int, np.dtype[Any]] = {}
         if self.tick is None:
             return
         self.rows[self.tick] = TICK
@@ -78,7 +79,9 @@ class Layout:
         began : time at which the run started, in ns of the file
         rows : rows that were complete before the chunk
         """
-        parts, places, order = [], [], []
+        parts: list[np.ndarray] = []
+        places: list[np.ndarray] = []
+        order: list[np.ndarray] = []
         ticks = chunk.offsets.get(self.tick, NONE)
         for channel, bus in self.buses.items():
             offsets = chunk.offsets.get(channel, NONE)
@@ -91,8 +94,9 @@ class Layout:
                 order.append(in_group)
         if len(parts) < 2:
             return parts[0] if parts else np.zeros(0, dtype=FRAME)
-        frames, places = np.concatenate(parts), np.concatenate(places)
-        return frames[np.lexsort((np.concatenate(order), self.groups(chunk, frames, places)))]
+        frames = np.concatenate(parts)
+        groups = self.groups(chunk, frames, np.concatenate(places))
+        return frames[np.lexsort((np.concatenate(order), groups))]
 
     def groups(self, chunk: Messages, frames: Any, places: np.ndarray) -> np.ndarray:
         """Return for each frame the number of its group: messages of several buses whose frames have one order.
@@ -110,7 +114,7 @@ class Layout:
 
     def events_of(self, chunk: Messages) -> list[dict[str, Any]]:
         """Return the events of a chunk. Raises Damaged."""
-        events = []
+        events: list[Any] = []
         for offset in chunk.offsets.get(self.events, NONE).tolist():
             length = HEAD.unpack_from(chunk.data.data, offset)[1]
             body = chunk.data[offset + MESSAGE.size : offset + HEAD.size + length].tobytes()
@@ -133,7 +137,7 @@ def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tup
     """
     heads = take_records(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
-    made, fields = decoded(data, offsets, offsets + MESSAGE.size, ends, messages.FRAME_V1)
+    made, _ = decoded(data, offsets, offsets + MESSAGE.size, ends, messages.FRAME_V1)
     made["time"], made["drain"] = heads["log_time"] - began, heads["sequence"]
     made["drained"] = heads["publish_time"] - began
     return made, offsets, offsets
@@ -147,7 +151,9 @@ def frames_of_format_2(data: np.ndarray, offsets: np.ndarray, began: int) -> tup
     wrong = data.take(at, mode="clip") != DRAINED_TAG
     drained = data.take(at[:, None] + np.arange(1, 9), mode="clip").view("<i8")[:, 0]
     at = at + 9
-    begins, items, numbers = [], [], []  # of the frames that have the same place in their messages
+    begins: list[np.ndarray] = []  # of the frames that have the same place in their messages
+    items: list[np.ndarray] = []
+    numbers: list[np.ndarray] = []
     message, open_messages = np.arange(len(offsets)), at < ends
     while open_messages.any():
         message, at, ends = message[open_messages], at[open_messages], ends[open_messages]
@@ -184,7 +190,8 @@ def decoded(
 
     Returns (array of FRAME, {name: values} of the other numbers, -1 where there is none). Raises Damaged.
     """
-    made, others = np.zeros(len(at), dtype=FRAME), {}
+    made = np.zeros(len(at), dtype=FRAME)
+    others: dict[str, np.ndarray] = {}
     start, length = at, np.zeros(len(at), dtype=np.int64)
     for number, (name, kind) in enumerate(fields, 1):
         if kind == messages.BYTES:

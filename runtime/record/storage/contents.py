@@ -61,14 +61,14 @@ class Contents:
     end: Any = None
     diagram: Any = None
     library: str = ""
-    topics: dict[int, str] = field(default_factory=dict)
-    schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
-    attachments: list[tuple[int, int]] = field(default_factory=list)
-    chunks: list[Chunk] = field(default_factory=list)
+    topics: dict[int, str] = field(default_factory=dict[int, str])
+    schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict[int, tuple[str, bytes]])
+    attachments: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+    chunks: list[Chunk] = field(default_factory=list["Chunk"])
     written: int | None = None
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    broken: list[str] = field(default_factory=list)
-    damages: list[str] = field(default_factory=list)
+    gaps: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+    broken: list[str] = field(default_factory=list[str])
+    damages: list[str] = field(default_factory=list[str])
     is_unfinished: bool = False
     finished: bool = False
     trouble: str = ""
@@ -117,8 +117,10 @@ def read_summary(stream: Any, size: int) -> Contents | None:
     if found is None:
         return None
     start, summary = found
-    contents, attachments = Contents(finished=True), []
-    indices, schemas = [], {}
+    contents = Contents(finished=True)
+    attachments: list[Any] = []
+    indices: list[Any] = []
+    schemas: dict[int, Any] = {}
     copies = {OWN_HEADER} & {os.pread(stream.fileno(), len(OWN_HEADER), len(MAGIC))}  # of records without a checksum
     try:
         for _, kind, data in walk(io.BytesIO(summary), start):
@@ -230,7 +232,7 @@ def chunk_of(index: Any) -> Chunk | None:
     if index.chunk_length != head + index.compressed_size or not places or places[0][0] != end:
         return None
     ends = [offset for offset, _ in places[1:]] + [end + index.message_index_length]
-    counts = {}
+    counts: dict[int, int] = {}
     for (offset, channel), until in zip(places, ends):
         counts[channel], rest = divmod(until - offset - INDEX.size, PLACE.itemsize)
         if rest or counts[channel] < 1:

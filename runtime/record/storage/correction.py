@@ -22,7 +22,8 @@ def correct_byte(data: bytes) -> bytes | None:
         return content + zlib.crc32(content).to_bytes(CHECKSUM, "little")
     table = [zlib.crc32(bytes([byte])) ^ zlib.crc32(b"\0") for byte in range(256)]
     errors, by_end = {entry: byte for byte, entry in enumerate(table) if byte}, {entry >> 24: entry for entry in table}
-    indices, found = {entry: byte for byte, entry in enumerate(table)}, []
+    indices = {entry: byte for byte, entry in enumerate(table)}
+    found: list[tuple[int, int]] = []
     for at in reversed(range(len(content))):
         if difference in errors:
             found.append((at, errors[difference]))

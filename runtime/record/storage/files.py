@@ -42,7 +42,7 @@ def make_folder(path: str | os.PathLike[str]) -> list[str]:
 
     Returns the created folders, outermost first. Raises FileExistsError if the path is not a folder.
     """
-    made = []
+    made: list[str] = []
     above = os.path.abspath(path)
     while not os.path.lexists(above):
         made.insert(0, above)
@@ -116,7 +116,7 @@ class WholeFile:
         self.path = path
         self.descriptor: Any = descriptor
         self.durable = durable
-        self.pieces = []
+        self.pieces: list[bytes] = []
         self.size = 0  # bytes of complete pieces in the file
         self.waiting = 0  # bytes in memory
 

@@ -25,7 +25,7 @@ def by_unit(name: str, signals: Iterable[dict[str, Any]]) -> dict[str, list[tupl
         folder, _, _ = split(signal["path"])
         whole = signal["dtype"] != "float"
         units_of.setdefault(folder or name, {}).setdefault((whole, signal["unit"]), []).append(signal["path"])
-    groups = {}
+    groups: dict[str, list[tuple[str, list[str]]]] = {}
     for title, units in units_of.items():
         order = sorted(units, key=lambda kind: (kind[0], FIRST.index(kind[1]) if kind[1] in FIRST else len(FIRST)))
         groups[title] = [(heading(title, *kind), units[kind][:CURVES]) for kind in order[:PLOTS]]

@@ -1,13 +1,18 @@
 """JSON of an untrusted recording, with a limit on its depth."""
 
 import json
-from typing import Any
+from typing import Any, TypeGuard
 
 DEPTH_LIMIT = 64  # levels of lists and objects
 
 
 class TooDeep(ValueError):
     """JSON that is nested deeper than that of a recorder."""
+
+
+def is_object(content: object) -> TypeGuard[dict[str, Any]]:
+    """Return whether the content of a JSON text is an object."""
+    return isinstance(content, dict)
 
 
 def parsed_json(text: bytes | str) -> Any:

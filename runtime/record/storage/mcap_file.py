@@ -60,13 +60,16 @@ class McapFile:
         self.opcode, self.magic = Opcode, MCAP0_MAGIC
         self.compression, self.compressor = ("", None) if level is None else (ZSTD, Compressor(level))
         self.kind = int(Opcode.MESSAGE)
-        self.schemas, self.channels = [], []
-        self.attachments, self.chunks = [], []
-        self.counts = {}  # messages of each channel
+        self.schemas: list[Any] = []  # records of the mcap package, as are the next three
+        self.channels: list[Any] = []
+        self.attachments: list[Any] = []
+        self.chunks: list[Any] = []
+        self.counts: dict[int, int] = {}  # messages of each channel
         self.first = self.last = None  # log time of all messages, ns
         self.start: Any = None  # position of the open chunk
         self.size = 0  # bytes of messages in the open chunk
-        self.waiting, self.waiting_size = [], 0  # messages that are not compressed yet, and their bytes
+        self.waiting: list[bytes] = []  # messages that are not compressed yet
+        self.waiting_size = 0  # their bytes
         self.stamps: deque[tuple[int, int]] = deque(maxlen=OLDER_FLUSHES + 1)  # of the last flushes, as in `reserved`
         self.is_verified = True  # whether the messages are those that were recorded, so that chunks have a checksum
 
@@ -153,7 +156,8 @@ class McapFile:
 
     def begin_chunk(self, start: int) -> None:
         """Begin an empty chunk. start : position of its head in the file"""
-        self.start, self.index = start, {}
+        self.start = start
+        self.index: dict[int, array[int]] = {}
         self.size, self.checksum = 0, 0
         self.stamps.clear()
 
@@ -236,7 +240,8 @@ class McapFile:
             min(min(places[::2]) for places in self.index.values()),
             max(max(places[::2]) for places in self.index.values()),
         )
-        offsets, length = {}, 0
+        offsets: dict[int, int] = {}
+        length = 0
         for channel, index in zip(self.index, self.indices()):
             offsets[channel] = end + length
             length += len(index)
@@ -294,7 +299,7 @@ class McapFile:
             message_start_time=self.first or 0,
             message_end_time=self.last or 0,
         )
-        offsets = []
+        offsets: list[Any] = []
         for kind, records in (
             (opcode.SCHEMA, self.schemas),
             (opcode.CHANNEL, self.channels),

@@ -9,7 +9,7 @@ it or sent after it, until the next drain or row. Recordings of format 1 have on
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from struct import Struct
 from typing import Any
@@ -84,7 +84,8 @@ def frames(drained: int, group: Iterable[bytes]) -> bytes:
 
 def split_frames(data: bytes) -> tuple[int, list[bytes]]:
     """Return (ns of the drain since the start of the run, [message CanFrame]) of a message CanFrames."""
-    drained, group, at = 0, [], 0
+    drained, at = 0, 0
+    group: list[bytes] = []
     while at < len(data):
         number, at = data[at] >> 3, at + 1
         if number == DRAINED:
@@ -115,7 +116,8 @@ def event(kind: str, at: int, text: str) -> bytes:
 
 def read(fields: Any, data: Any) -> dict[str, Any]:
     """Return {name: value} of a flat message without repeated fields. fields : as in FRAME"""
-    found, at = {}, 0
+    found: dict[str, Any] = {}
+    at = 0
     while at < len(data):
         number, wire = data[at] >> 3, data[at] & 7
         name, kind = fields[number - 1]
@@ -145,11 +147,11 @@ class Subsystem:
     every : ticks from one message to the next; they are multiples of it
     """
 
-    def __init__(self, topic: str, columns: Any, messages: Any, every: int = 1) -> None:
+    def __init__(self, topic: str, columns: Sequence[tuple[int, str]], messages: "Names", every: int = 1) -> None:
         self.topic, self.every = topic, every
         self.name = messages.free(topic.strip("/").replace("/", "_"))
         self.columns = [index for index, _ in columns]
-        self.blocks = []  # (message name, [(field name, elements)])
+        self.blocks: list[tuple[str, list[tuple[str, int]]]] = []  # (message name, [(field name, elements)])
         names = Names()
         for block, own in groupby(columns, key=lambda column: split(column[1])[1]):
             fields = Names()
@@ -158,7 +160,7 @@ class Subsystem:
                 for signal, run in groupby(own, key=lambda column: split(column[1])[2])
             ]
             self.blocks.append((names.free(block or "signals", message), signals))
-        pieces = []  # the bytes in front of every value
+        pieces: list[bytes] = []  # the bytes in front of every value
         for number, (_, signals) in enumerate(self.blocks, 1):
             inside = [
                 (tag(place, WIRE_FIXED64), 1) if size == 1 else (tag(place, WIRE_LENGTH) + varint(8 * size), size)
@@ -178,7 +180,8 @@ class Subsystem:
 
     def template(self) -> tuple[bytes, list[tuple[int, int]]]:
         """Return (message without its values as bytes, [(position of a value in it, index of its signal)])."""
-        body, places = bytearray(), []
+        body = bytearray()
+        places: list[tuple[int, int]] = []
         for column, text in zip(self.columns, self._items[::2]):
             body += text
             places.append((len(body), column))
@@ -189,7 +192,9 @@ class Subsystem:
         """Return the NumPy dtype of the message: a field for each value, named by the index of its signal."""
         import numpy as np
 
-        names, offsets, at = [], [], 0
+        names: list[str] = []
+        offsets: list[int] = []
+        at = 0
         for place, text in zip(self.columns, self._items[::2]):
             at += len(text)
             names.append(str(place))
@@ -215,12 +220,12 @@ def subsystems(name: str, signals: Iterable[dict[str, Any]]) -> list[Subsystem]:
     name : name of the diagram
     signals : [{"path", "every" in ticks (default: 1)}], in the order of the row
     """
-    grouped: dict[str, dict[int, list]] = {}
+    grouped: dict[str, dict[int, list[tuple[int, str]]]] = {}
     for index, signal in enumerate(signals):
         periods = grouped.setdefault(split(signal["path"])[0] or name, {})
         periods.setdefault(signal.get("every", 1), []).append((index, signal["path"]))
     taken, topics = Names(OWN), {topic_of(folder) for folder in grouped}
-    made = []
+    made: list[Subsystem] = []
     for folder, periods in grouped.items():
         for every, own in sorted(periods.items()):
             topic = topic_of(folder)
@@ -296,7 +301,7 @@ def descriptor(name: str, fields: Any, nested: dict[str, Any]) -> tuple[bytes, s
     """
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 
-    def describe(into, fields):
+    def describe(into: DescriptorProto, fields: Any) -> None:
         for number, (field, kind, label, of) in enumerate(fields, 1):
             into.field.add(
                 name=field, number=number, type=kind, label=label, type_name=f".{PACKAGE}.{of}" if of else None

@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 from runtime.host.errors import BadInput
+from runtime.record.storage.json_text import is_object
 
 FORMATS = ("1", "2", "3")
 LINE_BREAKING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: would begin another line on a terminal
@@ -11,7 +12,7 @@ LINE_BREAKING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: wou
 
 def validate(path: Any, about: Any) -> None:
     """Raise BadInput if the content of about.json does not describe the messages of a recording."""
-    if isinstance(about, dict) and about.get("format") not in FORMATS:
+    if is_object(about) and about.get("format") not in FORMATS:
         raise BadInput(
             f"{path} has format {about.get('format')!r}, and this Tickwork reads "
             f"{', '.join(FORMATS)}: "

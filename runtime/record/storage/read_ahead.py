@@ -24,9 +24,10 @@ def ahead(work: Callable[[Item], Result], items: Iterable[Item], size: Callable[
     if threads < 2:
         yield from map(work, items)
         return
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
-    waiting, held = deque(), 0  # (future, bytes)
+    waiting: deque[tuple[Future[Result], int]] = deque()  # with the bytes of each
+    held = 0
     with ThreadPoolExecutor(threads) as pool:
         try:
             for item in items:

@@ -124,7 +124,8 @@ class Reader:
             check.lose(*gap)
         check.end()
         contents.chunks = check.chunks
-        texts = [check.text(self.about["rate"], self.size, (contents.end or {}).get("last_tick"))]
+        end: dict[str, Any] = contents.end or {}
+        texts = [check.text(self.about["rate"], self.size, end.get("last_tick"))]
         if not check.gaps and contents.written not in (None, check.count) and not refused:
             texts.append(f"is damaged: {check.count} of its {contents.written} messages are readable")
         texts += [f"is damaged: the checksum of its {name} is wrong, and it is not used" for name in contents.broken]
@@ -301,7 +302,11 @@ class Reader:
         open_rows: dict[int, Any] = {
             channel: np.zeros(0, dtype=[*MESSAGE_HEAD, ("body", kind)]) for channel, kind in self.layout.rows.items()
         }
-        decode = self.decoder() if self.layout.buses and with_frames else lambda number, chunk: NO_FRAMES
+
+        def none_of(number: int, chunk: Messages) -> np.ndarray:
+            return NO_FRAMES
+
+        decode = self.decoder() if self.layout.buses and with_frames else none_of
 
         def decoded(number: int, chunk: Messages) -> tuple[dict[int, Any], Any]:
             parts = {channel: chunk.records(channel, kind) for channel, kind in self.layout.rows.items()}
@@ -368,7 +373,10 @@ def admit_chunks(chunks: list[Chunk], size: int) -> tuple[list[Chunk], list[tupl
 
     size : size of the file, in bytes
     """
-    expansion, read, others, reasons = ExpansionLimit(size), [], [], []
+    expansion = ExpansionLimit(size)
+    read: list[Chunk] = []
+    others: list[tuple[int, int]] = []
+    reasons: list[str] = []
     for chunk in chunks:
         try:
             if chunk.compression:
@@ -388,7 +396,7 @@ def place_records(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:
     """
     numbers = ticks[0] + (records["sequence"].astype(np.int64) - ticks[0]) % 2**32
     own = numbers <= ticks[-1]
-    return np.searchsorted(ticks, numbers[own]), records["body"][own]
+    return np.searchsorted(ticks, np.asarray(numbers[own], dtype=np.int64)), records["body"][own]
 
 
 def nearby(path: Path) -> str:

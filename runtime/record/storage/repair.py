@@ -11,7 +11,7 @@ follow from the rest are overwritten. A file that is damaged, and not just torn,
 import io
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from struct import Struct
 from typing import Any
@@ -82,7 +82,8 @@ class Repair:
             raise
         self.writer = McapFile(self.file)
         self.good = 0  # bytes that stay as they are
-        self.expected, self.order = {}, []  # {index: channel} still to come; channels whose index was found
+        self.expected: dict[bytes, int] = {}  # {index: channel} still to come
+        self.order: list[int] = []  # channels whose index was found
         self.indices = 0  # position of the first index
         self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
         self.stamps = []  # [(bytes, checksum) of the first messages of the chunk], the newest first, if they are known
@@ -90,7 +91,7 @@ class Repair:
         self.damaged = False  # whether complete blocks have a record that does not belong there, or a part of one
         self.ended = True  # whether the zstd frame of the chunk is complete
         self.tail = b""  # complete messages of the chunk, behind the blocks that stay
-        self.heads = []  # [(position, bytes)] of chunks to write
+        self.heads: list[tuple[int, bytes]] = []  # (position, bytes) of chunks to write
         self.is_flushed = False  # whether the file was not finished, and has everything up to its last flush
         self.over = False  # whether the end of the data was reached
         self.stream.seek(0)
@@ -322,8 +323,9 @@ class Backlog:
 
     def __init__(self, paths: list[str]) -> None:
         self.paths = paths
-        self.waiting, self.repairs = list(paths), []
-        self.problems = {}  # {path: line of text}
+        self.waiting = list(paths)
+        self.repairs: list[Repair] = []
+        self.problems: dict[str, str] = {}  # {path: line of text}
 
     def look(self) -> bool:
         """Scan the next slice, which takes up to 20 ms. Returns whether more follows."""
@@ -352,7 +354,7 @@ class Backlog:
         return [*self.problems.values()]
 
     @contextmanager
-    def report_failure(self, path: str) -> Iterator[None]:
+    def report_failure(self, path: str) -> Generator[None]:
         """Keep a failure as the problem of a file."""
         try:
             yield

@@ -103,7 +103,7 @@ class Scan:
         self.path, self.descriptor, self.size = stream.name, stream.fileno(), size
         self.contents = Contents()
         self.expansion = ExpansionLimit(size)
-        self.schemas = {}  # {number: record}
+        self.schemas: dict[int, Any] = {}  # {number: record}
         self.is_cut = False  # in a zstd frame
         self.is_unfinished = False  # whether the last chunk was not completed, and has all messages of its last flush
         self.is_damaged = False  # whether messages of a chunk without a head are not those of its checksum
@@ -336,7 +336,7 @@ class Scan:
 
     def indices(self, at: int) -> tuple[dict[int, int], int]:
         """Return ({channel: number of messages}, position of their end) of the message indices at a position."""
-        counts = {}
+        counts: dict[int, int] = {}
         while len(head := self.bytes_at(at, INDEX.size)) == INDEX.size:
             kind, length, channel, size = INDEX.unpack(head)
             if kind != AN_INDEX or length != INDEX.size - HEAD.size + size or at + HEAD.size + length > self.size:

@@ -21,7 +21,7 @@ class Compressor:
     def __init__(self, level: int) -> None:
         from zstandard import ZstdCompressionParameters, ZstdCompressor
 
-        parameters = ZstdCompressionParameters.from_level(
+        parameters = ZstdCompressionParameters.from_level(  # pyright: ignore[reportUnknownMemberType] it states no types
             level, window_log=WINDOW_LOG, write_content_size=False, write_checksum=False
         )
         self._compressor = ZstdCompressor(compression_params=parameters)
