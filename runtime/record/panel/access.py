@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hmac
 import os
+import socket
 from hashlib import sha256
 from ipaddress import ip_address
 
@@ -30,11 +31,27 @@ def is_local(host: str) -> bool:
         return False
 
 
+def derived(secret: str, purpose: str) -> str:
+    """Return a text that is the same for each part of a run, and does not reveal its secret."""
+    return hmac.new(secret.encode(), purpose.encode(), sha256).hexdigest()[:TOKEN_LENGTH]
+
+
+def reachable(host: str) -> str:
+    """Return the address under which other computers reach a host: of 0.0.0.0 or ::, that of the route outwards."""
+    if host not in ("0.0.0.0", "::"):
+        return host
+    family, documentation = (socket.AF_INET, "192.0.2.1") if host == "0.0.0.0" else (socket.AF_INET6, "2001:db8::1")
+    with socket.socket(family, socket.SOCK_DGRAM) as made:
+        try:
+            made.connect((documentation, 9))  # sends nothing
+        except OSError:  # no network
+            return socket.gethostname()
+        return made.getsockname()[0]
+
+
 def tokens(secret: str) -> dict[str, str]:
     """Return {token: role} of a run. secret : of the run"""
-    return {
-        hmac.new(secret.encode(), role.encode(), sha256).hexdigest()[:TOKEN_LENGTH]: role for role in (VIEW, OPERATE)
-    }
+    return {derived(secret, role): role for role in (VIEW, OPERATE)}
 
 
 def role_of(token: str, known: dict[str, str]) -> str | None:

@@ -140,7 +140,8 @@ class Server:
 
     def addresses(self) -> dict[str, str]:
         """Return {role: address for a browser}."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        host = access.reachable(self.host)
+        host = f"[{host}]" if ":" in host else host
         base = f"http://{host}:{self.port}/"
         return {role: f"{base}#{token}" for token, role in self.tokens.items()} or {OPERATE: base}
 

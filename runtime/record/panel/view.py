@@ -20,7 +20,7 @@ import msgspec.json
 from cext.memory.shared_state import STATES
 from cext.recording.newest_row import NewestRow
 from runtime.host.live import table
-from runtime.record.panel import names
+from runtime.record.panel import access, names
 
 if TYPE_CHECKING:
     from cext.memory.shared_state import SharedState
@@ -75,7 +75,7 @@ class View:
         ]
         return {
             "type": "hello",
-            "run": self.plan["run"],
+            "run": access.derived(self.plan["secret"], "run"),
             "name": self.table.name,
             "rate": self.plan["rate"],
             "duration": self.plan["duration"],

@@ -5,13 +5,18 @@ The process reads rows, state and live parameters from the shared state itself. 
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import socket
 from contextlib import suppress
 from typing import Any
 
+import segno
+
 from runtime.host.child_process import ChildProcess
+from runtime.host.console.stderr import Terminal
+from runtime.record.panel.access import OPERATE
 from runtime.record.recorder.service import Service
 
 READY_TIMEOUT = 20.0  # s, to import its libraries and listen
@@ -62,7 +67,8 @@ class PanelService(Service):
     """Serves blocks.sinks.Panel."""
 
     def open(self) -> None:
-        self.starts, self.lost, self.greeting = 0, 0, ""
+        self.starts, self.lost = 0, 0
+        self.greeting: list[str] = []
         self.child: PanelProcess | None = None
         self.kept = self.before
         self.start()
@@ -87,7 +93,6 @@ class PanelService(Service):
             "port": parameters["port"],
             "port_before": self.kept.get("port", 0),
             "secret": self.plan.get("secret") or os.urandom(16).hex(),
-            "run": f"{self.shared.control}-{self.plan['stem']}",
             "signals": [{**signal, "labels": labels.get(signal["path"], [])} for signal in self.plan["signals"]],
         }
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -96,15 +101,16 @@ class PanelService(Service):
             self.child = PanelProcess(self.shared.fd, theirs.fileno(), plan)
 
     def greet(self, answer: dict[str, Any]) -> None:
-        """Keep the line on its addresses, which is printed once the terminal takes it. Raises PanelError."""
+        """Keep the lines on its addresses, which `flush` prints. Raises PanelError."""
         if "error" in answer:
             self.end_process(0.0)
             raise PanelError(answer["error"])
         self.kept = {"port": answer["port"]}  # pages connect again where they were
         addresses = answer["ready"]
-        self.greeting = "panel: " + ", ".join(
-            f"{address}" if len(addresses) == 1 else f"to {role} {address}" for role, address in addresses.items()
-        )
+        texts = [f"to {role} {address}" if len(addresses) > 1 else address for role, address in addresses.items()]
+        terminal = Terminal()
+        drawn = len(addresses) > 1 and terminal.interactive and terminal.unicode
+        self.greeting = ["tickwork: panel: " + ", ".join(texts), *(qr_code(addresses[OPERATE]) if drawn else ())]
 
     def event(self, event: dict[str, Any]) -> None:
         if event["event"] == "end":
@@ -121,9 +127,9 @@ class PanelService(Service):
             self.lost += 1
 
     def flush(self) -> None:
-        if self.greeting:
-            self.say(f"tickwork: {self.greeting}")
-            self.greeting = ""
+        for line in self.greeting:
+            self.say(line)
+        self.greeting = []
         if self.child is None:
             return
         try:
@@ -154,6 +160,13 @@ class PanelService(Service):
         child, self.child = self.child, None
         if child is not None:
             child.end(timeout)
+
+
+def qr_code(text: str) -> list[str]:
+    """Return the lines of a QR code for a dark terminal."""
+    drawn = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(drawn, border=2, compact=True)
+    return drawn.getvalue().splitlines()
 
 
 SERVICE = PanelService

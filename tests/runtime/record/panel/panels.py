@@ -123,9 +123,8 @@ class Page:
     def open(cls, address, **headers):
         base, _, token = address.partition("#")
         host = base.removeprefix("http://").rstrip("/")
-        reached = host.replace("0.0.0.0", "127.0.0.1")
-        origin = headers.pop("origin", f"http://{reached}")
-        return cls(connect(f"ws://{reached}/socket", origin=origin, compression=None, **headers).__enter__(), token)
+        origin = headers.pop("origin", f"http://{host}")
+        return cls(connect(f"ws://{host}/socket", origin=origin, compression=None, **headers).__enter__(), token)
 
     def take(self, timeout=10.0):
         """Take one message."""

@@ -317,11 +317,12 @@ def test_panel_that_is_paused_holds_up_neither_run_nor_recording(tmp_path):
 
 def test_panel_serves_the_parts_after_the_death_of_the_writer(tmp_path):
     with running(tmp_path) as run:
-        run.page()
+        before = run.page()
         os.kill(descendant(run.process.pid, "tickwork-record"), signal.SIGKILL)
         run.await_line("panel: http://")
         page = run.page()
         page.until(lambda: page.frames)
+        assert page.hello["run"] == before.hello["run"]
         page.send(do="stop")
         assert run.end()[0] in (0, 4)
 
@@ -343,6 +344,12 @@ def test_address_of_another_process_is_refused(tmp_path, command_line):
         port = run.address.rstrip("/").rpartition(":")[2]
         said = command_line.refused(run.folder / "robot.py", "--panel", port)
     assert f"cannot listen on 127.0.0.1 port {port}" in said
+
+
+def test_page_on_the_loopback_address_of_ipv6(tmp_path):
+    with running(tmp_path, host="[::1]") as run:
+        assert run.address.startswith("http://[::1]:")
+        assert run.page().status["state"] in ("init", "arming", "running")
 
 
 @pytest.mark.parametrize(

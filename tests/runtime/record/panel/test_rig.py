@@ -1,10 +1,12 @@
 """The panel of a robot on a rig: it shows each state, stops in each of them, and arms in none."""
 
+import re
+
 import pytest
 
 from tests.runtime.record.panel.panels import Page, free_port
 from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
-from tests.runtime.runs import DISABLE, ENABLE, Files, write
+from tests.runtime.runs import DISABLE, ENABLE, KNEE, Files, write
 from tests.runtime.terminals import Terminal
 
 
@@ -55,6 +57,17 @@ def test_page_does_not_arm_and_shows_the_trial_that_the_operator_arms(bus, termi
         event["event"] for event in Files(bus.folder / "recordings").sidecar["events"] if event.get("by") == "panel"
     ]
     assert told == ["stop"]
+
+
+def test_terminal_shows_the_address_of_a_network_as_a_qr_code(terminal, tmp_path):
+    robot = write(tmp_path, KNEE.format(law="return 0.0"))
+    terminal.run(robot, "--panel", f"0.0.0.0:{free_port()}", "--no-record", "--duration", "1", cwd=tmp_path)
+    terminal.wait_for("panel: to view http://")
+    assert terminal.end() == 0
+    lines = re.findall(r"[█▄▀ ]{29,}", terminal.look())
+    address = re.search(r"to operate (http\S+)", terminal.look())[1]
+    assert address.partition("#")[0].count(".") == 3 and "0.0.0.0" not in address
+    assert lines[0].strip() == "█" * len(lines[0].strip()) and len(lines) == (len(lines[0].strip()) + 1) // 2
 
 
 @pytest.mark.hazard("H9f")
