@@ -13,8 +13,8 @@ from tests.bench.c_program import build
 
 def test_bench_clock_reports_both_loops_at_every_rate_and_costs_of_a_tick(bench, tmp_path):
     code, out, err = bench("clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")
-    told = json.loads(out)
     assert (code, err) == (OK, "")
+    told = json.loads(out)
     assert list(told["clock"]) == [
         f"{rate} Hz, {name}" for rate in (200, 1000, 2000) for name in (c_clock.C, *clock.CONTENDERS)
     ]

@@ -1,6 +1,7 @@
 """runtime.run in real time and on a rig: the command in a process of its own, called from a script."""
 
 import os
+import re
 import signal
 import sys
 import threading
@@ -106,9 +107,9 @@ def test_an_error_before_the_run_is_raised_and_not_printed(folder, capsys):
 
 @paced
 def test_a_fault_ends_the_trial_and_is_printed(folder, capsys):
-    trial = runtime.run(knee(folder, "return 1.0 / (20 - tick)"), 5, fast=False)
-    assert trial.fault["status"] == "exception" and trial.tick[-1] == 19
-    assert "FAULT at law, tick 20" in capsys.readouterr().out
+    trial = runtime.run(knee(folder, "return 1.0 / (20 - min(tick, 20))"), 5, fast=False)
+    assert trial.fault["status"] == "exception" and trial.tick[-1] < 20  # a tick may be skipped
+    assert re.search(r"FAULT at law, tick [2-9]\d", capsys.readouterr().out)
 
 
 # On a rig
