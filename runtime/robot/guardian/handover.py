@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from runtime.robot.guardian.stop import SafeStop
 
 OPEN, CLOSED, SENT, TAKEN, ARMING = b"o", b"c", b"s", b"t", b"a"
-SILENCE = 3 * STOP_ROUND_MAXIMUM  # ns without a message, after which a new run counts as stopped; twice that next time
+# ns without a message, after which a new run counts as stopped; twice that next time while its interface does not open
+SILENCE = 3 * STOP_ROUND_MAXIMUM
 CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
 OFFER_BYTES = 1 << 16  # limit
 
@@ -208,7 +209,7 @@ class Handover:
             with suppress(OSError):
                 link.send(CLOSED)
         elif message == SENT and place in self._heard:
-            self._heard[place] = time.monotonic_ns()
+            self._heard[place], self._silence[place] = time.monotonic_ns(), SILENCE  # its interface is open
         if message in (OPEN, SENT):
             return []
         process, drives = peer_of(link)[0], [name for name in stop.waiting if stop.stopped[name]["bus"] == bus]

@@ -90,6 +90,23 @@ def test_a_bus_whose_new_run_sends_nothing_is_taken_back_each_time(way, tmp_path
 
 
 @pytest.mark.hazard("H9d")
+def test_a_new_run_whose_interface_took_long_to_open_has_no_more_time_between_frames(tmp_path):
+    with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
+        lock = BusLock("udp_multicast", bus.channel, {1, 2})
+        for frames in (0, 0, 3):  # as it is waited for twice as long each time
+            assert lock.handover.send(b"o") and lock.handover.recv(1) == b"c"
+            for _ in range(frames):
+                time.sleep(0.1)
+                lock.handover.send(b"s")
+            silent = time.monotonic()
+            assert lock.handover.recv(1) == b"t"
+        assert time.monotonic() - silent < 3.0e-9 * SILENCE  # of 4
+        drives.awake = True
+        process.communicate(timeout=10)
+        lock.close()
+
+
+@pytest.mark.hazard("H9d")
 @pytest.mark.parametrize("place", OPENING)
 def test_no_drive_is_without_frames_while_the_guardian_of_a_new_run_is_stopped(place, tmp_path):
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
