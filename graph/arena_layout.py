@@ -12,7 +12,6 @@ from graph.kernel_items import rest_of
 
 if TYPE_CHECKING:
     from cext.kernel import Kernel
-    from graph.block import Block
     from graph.declarations import Numbers
 
 CLOCK_SLOTS = 8
@@ -54,7 +53,7 @@ class Layout:
         return np.array(self.values, dtype=np.float64)
 
 
-def place_parameters(block: Block, layout: Layout) -> dict[str, int]:
+def place_parameters(block: Any, layout: Layout) -> dict[str, int]:
     """Allocate the numeric parameters of a block, NaN for None. Returns {name: slot}."""
     slots: dict[str, int] = {}
     for name, param in block.parameters.items():
@@ -64,11 +63,12 @@ def place_parameters(block: Block, layout: Layout) -> dict[str, int]:
     return slots
 
 
-def place_memory(block: Block, layout: Layout) -> dict[str, tuple[int, int]]:
+def place_memory(block: Any, layout: Layout) -> dict[str, tuple[int, int]]:
     """Allocate the memory of a block, set by `prepare` or declared. Returns {name: (slot, length)}."""
     places: dict[str, tuple[int, int]] = {}
+    attributes: dict[str, Any] = block.__dict__
     for name, memory in block.memory.items():
-        value = vars(block).get(name)
+        value = attributes.get(name)
         first = layout.place(memory.initial if value is None else value)
         places[name] = first, len(layout) - first
     return places

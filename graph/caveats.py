@@ -9,7 +9,6 @@ from msgspec import Struct
 from graph.device import Actuator
 
 if TYPE_CHECKING:
-    from graph.compilation import Compilation
     from graph.device import Device
     from graph.device_data import Deviation, TorqueBound
 
@@ -36,7 +35,7 @@ class Caveat(Struct, frozen=True):
         return f"{self.path}.{self.setting}"
 
 
-def check_torque(compilation: Compilation) -> None:
+def check_torque(compilation: Any) -> None:
     """Find the caveats of every actuator, and warn of them.
 
     They are settings that differ from the table of the model, and modes whose command does not bound the torque.
@@ -52,7 +51,7 @@ def check_torque(compilation: Compilation) -> None:
             _warn_of_mode(compilation, block, bound)
 
 
-def _warn_of_deviation(compilation: Compilation, block: Actuator, deviation: Deviation) -> None:
+def _warn_of_deviation(compilation: Any, block: Actuator, deviation: Deviation) -> None:
     name = deviation.parameter
     caveat = Caveat(block.path, name, in_words(block, deviation), True, deviation.factor)
     compilation.caveats.append(caveat)
@@ -66,7 +65,7 @@ def _warn_of_deviation(compilation: Compilation, block: Actuator, deviation: Dev
     )
 
 
-def _warn_of_mode(compilation: Compilation, block: Actuator, bound: TorqueBound) -> None:
+def _warn_of_mode(compilation: Any, block: Actuator, bound: TorqueBound) -> None:
     reason = f": {bound.holds}" if bound.kind == "none" and bound.holds else ""
     caveat = Caveat(block.path, bound.setting, bound.limit_in_words() + reason, False)
     compilation.caveats.append(caveat)

@@ -5,21 +5,18 @@ from __future__ import annotations
 import inspect
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from graph import hints
-
-if TYPE_CHECKING:
-    from graph.block import Block
 
 CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may take, and their slots in the arena
 STEPS = ("step", "update", "settle")  # methods that take inputs
 MUTABLE = {list: "[]", dict: "{}", set: "set()", bytearray: "bytearray()", deque: "deque()", np.ndarray: "np.zeros(3)"}
 
 
-def check_class(kind: type[Block], declared: Iterable[str], reserved: Iterable[str]) -> None:
+def check_class(kind: type[Any], declared: Iterable[str], reserved: Iterable[str]) -> None:
     """Raise TypeError for a mistake in the class of a block.
 
     kind : class, whose inputs, outputs and parameters have been collected
@@ -50,7 +47,7 @@ def check_class(kind: type[Block], declared: Iterable[str], reserved: Iterable[s
         check_attributes(kind, reserved)
 
 
-def check_step(kind: type[Block], method: str, function: Callable[..., Any]) -> None:
+def check_step(kind: type[Any], method: str, function: Callable[..., Any]) -> None:
     """Raise TypeError for a step, an update or a settle that cannot be called with the inputs. method : its name"""
     if inspect.isgeneratorfunction(function):
         raise TypeError(f"{kind.__name__}.{method} is a generator: end it with `return` instead of `yield`")
@@ -69,7 +66,7 @@ def check_step(kind: type[Block], method: str, function: Callable[..., Any]) -> 
         )
 
 
-def check_attributes(kind: type[Block], reserved: Iterable[str]) -> None:
+def check_attributes(kind: type[Any], reserved: Iterable[str]) -> None:
     """Raise TypeError for a list or another mutable value in the class, which its blocks would share as state.
 
     Names in upper case are constants.

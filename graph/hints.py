@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from graph import units
 from graph.declarations import Input
@@ -12,9 +12,6 @@ from graph.narrowing import is_row
 from graph.signal import Signal
 from graph.signal_misuse import STACK
 
-if TYPE_CHECKING:
-    from graph.block import Block
-
 
 def for_source(source: Any, variadic: bool) -> str:
     """Return the remedy for a value that cannot be connected.
@@ -22,7 +19,7 @@ def for_source(source: Any, variadic: bool) -> str:
     variadic : whether the block takes any number of signals
     """
     if hasattr(source, "step_inputs"):
-        block: Block = source
+        block: Any = source
         if isinstance(source, type):  # a class of blocks
             return f"make a block and call it, as in {source.__name__}(...)({', '.join(block.inputs)})"
         inputs = [name for name, port in block.inputs.items() if port.default is None]
@@ -36,16 +33,16 @@ def for_source(source: Any, variadic: bool) -> str:
     return "connect an output of a block, as in knee.position, or the result of a call"
 
 
-def for_parameter(block: Block, name: str) -> str:
+def for_parameter(block: Any, name: str) -> str:
     """Return the remedy for an argument of a block's class that is not a parameter. name : name of the argument"""
     if name in block.inputs:
         return in_second_parentheses(block, f"{name}=...")
-    if hasattr(type(block), name) and not hasattr(object, name):
+    if hasattr(block.__class__, name) and not hasattr(object, name):
         return f"declare it in the class, as in {name} = Param(1.0, unit)"
     return suggestion(name, block.parameters) or f"it has {', '.join(block.parameters) or 'none'}"
 
 
-def for_argument(kind: type[Block], name: str) -> str:
+def for_argument(kind: type[Any], name: str) -> str:
     """Return "; " and the remedy for an argument of `step` that is not an input, or ""; name : name of the argument"""
     if name in kind.parameters:
         return f"; it is a parameter: read self.{name}"
@@ -75,11 +72,11 @@ def for_input(block: Any, name: str | None) -> str:
     return suggestion(name, block.inputs) or f"its inputs are {', '.join(block.inputs) or 'none'}"
 
 
-def for_assignment(block: Block) -> str:
+def for_assignment(block: Any) -> str:
     """Return a remedy if a signal was assigned to an attribute of a block, which connects nothing; else ""."""
-    name = next(
-        (name for name, value in vars(block).items() if isinstance(value, Signal) and value.block is not block), ""
-    )
+    attributes: dict[str, Any] = block.__dict__
+    assigned = (name for name, value in attributes.items() if isinstance(value, Signal) and value.block is not block)
+    name = next(assigned, "")
     return name and (
         f"the signal assigned to its attribute {name!r} is not connected: call the block, as in "
         f"{block.path.split('/')[-1]}({suggested(name, block)}=...)"
@@ -88,9 +85,10 @@ def for_assignment(block: Block) -> str:
 
 def for_attribute(block: Any) -> str:
     """Return a remedy if a block is an attribute of another one, as if created in its `reset`; else ""."""
-    owner: Block
+    owner: Any
     for owner in block.diagram:
-        name = next((name for name, value in vars(owner).items() if value is block), "")
+        attributes: dict[str, Any] = owner.__dict__
+        name = next((name for name, value in attributes.items() if value is block), "")
         if name and owner is not block:
             return (
                 f"{block.path} is the attribute {name!r} of {owner.path}, which connects nothing: create it in the "

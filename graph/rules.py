@@ -10,19 +10,16 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cext.rules import Rule, Side
 from graph.interval import EVERYTHING, Interval
-
-if TYPE_CHECKING:
-    from graph.block import Block
 
 DT = "dt"
 WORDS: dict[type[ast.cmpop], str] = {ast.LtE: "at most", ast.Lt: "below", ast.GtE: "at least", ast.Gt: "above"}
 
 
-def rules_of(kind: type[Block]) -> list[Rule]:
+def rules_of(kind: type[Any]) -> list[Rule]:
     """Return the rules of a block's class and its base classes.
 
     Raises TypeError for one that is not a linear comparison of numeric parameters.

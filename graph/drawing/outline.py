@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
-from typing import TYPE_CHECKING, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 from graph.block import Sink
 from graph.signal import Signal
@@ -17,7 +17,6 @@ from graph.signal import Signal
 if TYPE_CHECKING:
     from graph.block import Block
     from graph.diagram import Diagram
-    from graph.drawing.compose import Laid
 
 Key: TypeAlias = str | tuple[str, str]
 """A port, or a pin: ("in", "out" or "enabled", signal path)."""
@@ -41,7 +40,7 @@ class Level:
     levels: dict[str, Level] = field(default_factory=dict[str, "Level"])
     links: dict[tuple[End, End], Link] = field(default_factory=dict[tuple[End, End], "Link"])
     pins: dict[tuple[str, str], bool] = field(default_factory=dict[tuple[str, str], bool])
-    laid: Laid = field(init=False, repr=False)
+    laid: Any = field(init=False, repr=False)  # graph.drawing.compose.Laid
 
     def connect(self, source: End, target: End, signal: Signal, delayed: bool) -> None:
         """Add a link between two things of this level or of levels inside it; a link that exists is not doubled.

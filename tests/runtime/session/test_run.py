@@ -258,7 +258,7 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
         r"-\d\.\d\d J\n",
         process.stdout,
     )
-    assert "\n  files" not in process.stdout
+    assert "\n  files       nothing was recorded: --no-record\n" in process.stdout
 
 
 @pytest.mark.parametrize("rate", [100, 400])
