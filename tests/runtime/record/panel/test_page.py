@@ -104,8 +104,12 @@ def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opene
 
 def test_page_connects_to_the_panel_that_replaces_a_dead_one(opened):
     run, tab = opened
+    tab.evaluate(  # the next panel may be there before the test has looked
+        "lost = false; new MutationObserver(() => { lost ||= !document.getElementById('alarm').hidden; })"
+        ".observe(document.getElementById('alarm'), { attributes: true })"
+    )
     os.kill(descendant(run.process.pid, "tickwork-panel"), signal.SIGKILL)
-    tab.wait_for("!document.getElementById('alarm').hidden")
+    tab.wait_for("lost")
     tab.wait_for(f"document.getElementById('alarm').hidden && {RUNNING}")
     tab.press(" ", "Space")
     assert run.end()[0] == 0
