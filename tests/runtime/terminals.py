@@ -122,6 +122,10 @@ class Terminal:
         while self.wait_for(f"press it again|{then}")[0] == "press it again":
             self.press(key)
 
+    def words(self):
+        """What the terminal shows, each run of spaces and line ends as one space: reports are wrapped at its width."""
+        return " ".join(self.look().split())
+
     def look(self):
         """All that has been shown since keys were last pressed."""
         while select.select([self.master], [], [], 0)[0]:

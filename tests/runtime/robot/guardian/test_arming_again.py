@@ -64,7 +64,7 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
     terminal.press(b" ")
     assert terminal.end() == 0
     bus.listen()
-    assert "faults      not finite at left/knee, tick 60, survived" in terminal.look()
+    assert "faults not finite at left/knee, tick 60, survived" in terminal.words()
     for motor in bus.motors:
         stood = between(bus, motor)
         assert set(stood) <= {NOTHING, DISABLE} and stood.count(DISABLE) > 200
@@ -104,7 +104,7 @@ def test_only_the_operator_arms_recovered_drives_again(bus, terminal, begin, end
     under_torque(bus, terminal, "--no-record")
     bus.drives.send_signal(begin)
     terminal.wait_for("press r to arm again")
-    assert words in terminal.look()
+    assert words in terminal.words()
     terminal.answer(b"r", rf"not armed again, the cause persists: (left|right)/knee: {words.split(' (')[0]}")
     bus.drives.send_signal(end)
     bus.listen(0.3)
@@ -127,7 +127,7 @@ def test_waiting_run_is_not_rearmed_after_sigstop_and_sigcont(bus, terminal):
     bus.listen(0.4)
     os.write(terminal.master, b"r")
     os.kill(terminal.process.pid, signal.SIGCONT)
-    assert terminal.end() == 3 and "fenced by the guardian" in terminal.look()
+    assert terminal.end() == 3 and "fenced by the guardian" in terminal.words()
     bus.listen(0.1)
     for motor in bus.motors:
         assert set(between(bus, motor)) <= {NOTHING, DISABLE}
@@ -143,7 +143,7 @@ def test_a_loop_that_is_stopped_while_it_arms_again_is_fenced_for_good(bus, term
     os.kill(terminal.process.pid, signal.SIGSTOP)
     bus.listen(0.4)
     os.kill(terminal.process.pid, signal.SIGCONT)
-    assert terminal.end() == 3 and "fenced by the guardian" in terminal.look()
+    assert terminal.end() == 3 and "fenced by the guardian" in terminal.words()
     bus.listen()
     for motor in bus.motors:
         said = bus.commands(motor, since=stopped + 0.2)

@@ -77,8 +77,8 @@ def test_torque_is_zero_until_operator_presses_enter(bus, terminal, tmp_path):
     assert told[:2] == [ENABLE, NOTHING]
     terminal.wait_for("running")
     terminal.press(b" ")
-    assert terminal.end() == 0 and "zero torque, then disable: confirmed by left/knee, right/knee" in terminal.look()
-    assert "caution     nothing stops left/knee, right/knee after both processes have ended" in terminal.look()
+    assert terminal.end() == 0 and "zero torque, then disable: confirmed by left/knee, right/knee" in terminal.words()
+    assert "caution nothing stops left/knee, right/knee after both processes have ended" in terminal.words()
     files = Files(tmp_path / "out")
     assert files.table["tick"][0] == 0 and files.sidecar["missed"] == 0
     [table] = [event for event in files.sidecar["events"] if event["event"] == "preflight"]
@@ -117,7 +117,7 @@ def test_the_guardian_is_active_during_confirmation(bus, terminal):
     first = [next(frame for frame in bus.commands(motor, stopped) if frame.data == NOTHING) for motor in (1, 2)]
     assert max(frame.time for frame in first) - stopped < 0.3, "zero torque is sent only in a stop"
     os.kill(terminal.process.pid, signal.SIGCONT)
-    assert terminal.end() == 3 and "fenced by the guardian" in terminal.look()
+    assert terminal.end() == 3 and "fenced by the guardian" in terminal.words()
     bus.listen()
     assert {frame.data for motor in (1, 2) for frame in bus.commands(motor)} == {NOTHING, DISABLE}
 
@@ -134,7 +134,7 @@ def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
     at_the_table(bus, terminal, "--no-record", "--stop-for", "0.2")
     bus.drives.kill()
     assert terminal.end() == 3
-    shown = " ".join(terminal.look().split())  # wrapped at the width
+    shown = terminal.words()  # wrapped at the width
     assert "/knee, while arming: no reply for longer than its timeout (0.1 s)" in shown
     bus.listen()
     assert not any(is_torque(frame) for frame in bus.frames)
