@@ -274,7 +274,8 @@ def test_a_signal_at_any_time_of_the_start_ends_the_command(recording, tmp_path,
         else:
             assert process.returncode == 128 + number and "stopped by" in err, (process.returncode, err)
     times.sort()
-    assert not times or times[(len(times) - 1) * 3 // 4] < limit(), times
+    most = limit() if starts > TRIES else PROMPT  # another process may have the processor in one of few
+    assert not times or times[(len(times) - 1) * 3 // 4] < most, times
 
 
 INTERRUPTING = """

@@ -384,5 +384,5 @@ def test_without_a_guardian_a_stop_that_nothing_confirms_ends_for_the_operator(t
         time.sleep(0.3)
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=5)
+        out, _ = process.communicate(timeout=20)  # of the 60 s
         assert process.returncode == FAULT and "NOT confirmed by knee: cut the power" in out
