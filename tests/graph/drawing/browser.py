@@ -13,6 +13,16 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 BROWSER = next(filter(shutil.which, NAMES), None)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"no browser here: none of {', '.join(NAMES)}")
 
+QUIET = [
+    "--headless",
+    *["--no-sandbox"] * (os.geteuid() == 0),
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]  # without a window, and without a network
+
 HOOK = """
 <pre id="told"></pre>
 <script>
@@ -39,19 +49,12 @@ def browse(text, script, folder, address="", motion=False):
     """
     file = folder / "page.html"
     file.write_text(text.replace("</body>", HOOK % script), encoding="utf-8")
-    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     still = [] if motion else ["--force-prefers-reduced-motion"]
     process = subprocess.run(
         [
             BROWSER,
-            "--headless",
-            *as_root,
+            *QUIET,
             *still,
-            "--disable-gpu",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
             f"--user-data-dir={folder / 'profile'}",
             "--window-size=1400,900",
             "--virtual-time-budget=4000",

@@ -4,7 +4,6 @@ import base64
 import contextlib
 import itertools
 import json
-import os
 import subprocess
 import time
 import urllib.request
@@ -12,7 +11,7 @@ from pathlib import Path
 
 from websockets.sync.client import connect
 
-from tests.graph.drawing.browser import BROWSER
+from tests.graph.drawing.browser import BROWSER, QUIET
 
 
 class Tab:
@@ -93,21 +92,8 @@ class Tab:
 def browser(folder):
     """Start a browser. Yields a function that opens an address in a new tab and returns the Tab."""
     profile = Path(folder) / "profile"
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
     process = subprocess.Popen(
-        [
-            BROWSER,
-            "--headless",
-            *sandbox,
-            "--disable-gpu",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            "--remote-debugging-port=0",
-            f"--user-data-dir={profile}",
-            "about:blank",
-        ],
+        [BROWSER, *QUIET, "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
