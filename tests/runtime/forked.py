@@ -26,6 +26,7 @@ from importlib import import_module
 from types import SimpleNamespace
 
 from runtime.host import child_process
+from tests.runtime.stuck import ask_for_stacks, show_stack_on_signal
 
 IMPORTED = (
     "PIL.GifImagePlugin",
@@ -92,6 +93,18 @@ class Forked(subprocess.Popen):
         os.close(their_status)
         self._close_pipe_fds(*pipes)
 
+    def communicate(self, input=None, timeout=None):
+        """As of Popen. Where patience is over, the error has the stacks of the processes as a note."""
+        try:
+            return super().communicate(input, timeout)
+        except subprocess.TimeoutExpired as error:
+            threads = ask_for_stacks(self.pid)
+            with suppress(subprocess.TimeoutExpired):
+                super().communicate(timeout=0.1)
+            written = b"".join((self._fileobj2output or {}).get(self.stderr, ()))
+            add_note(error, f"{threads}\n{written.decode(errors='replace')}")
+            raise
+
     def _try_wait(self, flags):
         if not select.select([self._status], [], [], 0.0 if flags else None)[0]:
             return 0, 0
@@ -108,6 +121,11 @@ class Forked(subprocess.Popen):
             finally:
                 self._waitpid_lock.release()
         return self.returncode
+
+
+def add_note(error, text):
+    if hasattr(error, "add_note"):  # from Python 3.11 on
+        error.add_note(text)
 
 
 class ForkedRecorder(subprocess.Popen):
@@ -252,6 +270,7 @@ def carry_out(words, folder, environment, start_new_session, places, limits, fil
     os.environ.update(environment)
     os.chdir(folder)
     renew_standard_streams()
+    show_stack_on_signal()
     for limit, value in limits.items():
         resource.setrlimit(getattr(resource, limit), (value, value))
     if not limits:

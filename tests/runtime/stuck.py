@@ -1,0 +1,53 @@
+"""Where the processes of a run are that does not end: for the report of a test whose patience is over."""
+
+import faulthandler
+import os
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+
+SHOW_STACK = signal.SIGRTMIN + 3
+WAIT = 0.5  # s for all threads to have written their stacks
+
+
+def show_stack_on_signal():
+    """Let this process and those that it forks write the stacks of their threads to standard error at SHOW_STACK."""
+    faulthandler.register(SHOW_STACK, file=2, all_threads=True, chain=False)
+
+
+def family(pid):
+    """The process and all that descend from it."""
+    found = [pid]
+    for parent in found:
+        with suppress(OSError):
+            for thread in Path(f"/proc/{parent}/task").iterdir():
+                found += map(int, (thread / "children").read_text().split())
+    return found
+
+
+def ask_for_stacks(pid):
+    """Have each process of a family write its stacks, if it can. Returns what the kernel says of their threads."""
+    lines = []
+    for process in family(pid):
+        with suppress(OSError):
+            folder = Path(f"/proc/{process}")
+            caught = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("SigCgt"))
+            if int(caught.split()[1], 16) >> (SHOW_STACK - 1) & 1:
+                os.kill(process, SHOW_STACK)
+        lines += threads(process)
+    time.sleep(WAIT)
+    return "\n".join(lines)
+
+
+def threads(process):
+    """A line for each thread of a process: name, state, policy, priority, where it waits, system call."""
+    lines = []
+    with suppress(OSError):
+        for thread in sorted(Path(f"/proc/{process}/task").iterdir()):
+            fields = (thread / "stat").read_text().rpartition(")")[2].split()
+            name, at, call = ((thread / part).read_text().strip() for part in ("comm", "wchan", "syscall"))
+            state, processor, priority, policy = fields[0], fields[36], fields[37], fields[38]
+            where = f"processor {processor}, policy {policy}, priority {priority}, waits in {at}, call {call}"
+            lines.append(f"{process} {thread.name} {name}: {state}, {where}")
+    return lines
