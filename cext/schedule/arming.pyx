@@ -302,6 +302,7 @@ cdef class Arming:
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
         cdef int64_t limit = damping + <int64_t>(min(timeout, 1e9) * 1e9) if timeout >= 0.0 else 0
         cdef int64_t began = now - since                           # ns from the begin of the run
+        cdef int64_t patience = monotonic() + 2 * limit            # with a stop of the guardian
         cdef int64_t due
         self.control.keep_values()                                 # later replies are not a cause of the fault
         if self.plant is not None:
@@ -316,7 +317,7 @@ cdef class Arming:
         while self.control.devices.table.count > 0:
             self.publisher.beat(monotonic())
             self.publisher.make_room(True)
-            while limit and self.publisher.guardian_stops(monotonic()):
+            while monotonic() < patience and self.publisher.guardian_stops(monotonic()):
                 # one sender at a time: begin again after it, without the damping
                 self.publisher.beat(monotonic())
                 self.clock.sleep_until(monotonic() + round)

@@ -214,7 +214,8 @@ class Guardian:
             self.carry()
             self.messages.flush()
             self.stop_again_if_due(now)
-            if self.stop is not None and self.verdict is not None and not self.stop.over:
+            # one without actuators is over when it begins
+            if self.stop is not None and self.verdict is not None and not (self.stop.over and self.reported):
                 self.stop.step(now)
                 if not self.stop.over and (self.ordered or self.stop.is_due(now)):
                     self._continue(self.stop, now)

@@ -127,6 +127,20 @@ def test_a_loop_that_was_paused_with_its_guardian_sends_no_further_command():
     assert was_paused(rig.shared) and rig.shared.fenced and time_suspended(rig.shared) > PAUSE_LIMIT
 
 
+@pytest.mark.hazard("H8f")
+def test_a_loop_stops_the_drives_itself_where_the_stop_of_its_guardian_does_not_end():
+    shared = SharedState(1 << 20)
+
+    def stop_for_good():
+        shared.raise_fence()
+        shared.show_stop(True)
+
+    rig = guarded(stop_for_good, shared=shared, guard=20.0)
+    began = time.monotonic()
+    assert rig.run(50).status == "fenced" and time.monotonic() - began < 10.0
+    assert ends_in_the_safe_stop(rig)
+
+
 def test_without_its_guardian_the_loop_sends_one_round_of_stop_frames():
     rig = guarded(lambda: rig.shared.look_after(0), carried=True)
     rig.run(200)

@@ -1,11 +1,14 @@
 """A robot of sensors alone on its rig: real processes, from the pre-flight table to the replay."""
 
 import json
+import os
+import signal
 import time
 
 import pytest
 
 from runtime.host.errors import FAULT, OK
+from tests.runtime.robot.guardian.bus import guardian_of
 from tests.runtime.robot.rig.test_microstrain import Sensors
 from tests.runtime.runs import finished, started, write
 
@@ -28,12 +31,13 @@ serial = "133932"
 """
 
 
-def await_rows(folder):
+def await_rows(run, folder):
     """Until a run in that folder has written rows."""
     deadline = time.monotonic() + 15.0
     # a header is there before it is armed
     while not any(file.read_bytes().count(b"\n") > 1 for file in folder.glob("recordings/*.csv")):
-        assert time.monotonic() < deadline, "it did not begin"
+        if run.poll() is not None or time.monotonic() > deadline:
+            pytest.fail(f"it did not begin: {run.communicate(timeout=1)}")
         time.sleep(0.02)
 
 
@@ -65,7 +69,7 @@ def test_run_with_sensors_arms_records_and_replays_bit_for_bit(robot):
 @pytest.mark.hazard("H12d")
 def test_an_unplugged_cable_ends_the_run_and_is_named(robot):
     run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
-    await_rows(robot.folder)
+    await_rows(run, robot.folder)
     robot.unplug()
     out, err = run.communicate(timeout=20)
     assert run.returncode == FAULT
@@ -74,3 +78,18 @@ def test_an_unplugged_cable_ends_the_run_and_is_named(robot):
         and "tty13393" in err
         and "disconnected 1 time and still missing" in err
     )
+
+
+@pytest.mark.hazard("H4d")
+@pytest.mark.parametrize("whole", [False, True], ids=["the loop alone", "with its guardian"])
+def test_a_run_without_actuators_ends_after_a_pause(robot, whole):
+    run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
+    await_rows(run, robot.folder)
+    paused = [run.pid, *([guardian_of(run).pid] if whole else ())]
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for pid in paused:
+            os.kill(pid, number)
+        time.sleep(0.3)
+    out, err = run.communicate(timeout=10)
+    assert run.returncode == FAULT, out + err
+    assert ("every process of the run was paused" if whole else "loop has stalled") in out + err
