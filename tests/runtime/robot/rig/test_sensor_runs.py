@@ -93,3 +93,12 @@ def test_a_run_without_actuators_ends_after_a_pause(robot, whole):
     out, err = run.communicate(timeout=10)
     assert run.returncode == FAULT, out + err
     assert ("every process of the run was paused" if whole else "loop has stalled") in out + err
+
+
+def test_the_guardian_of_a_run_without_actuators_ends_with_it(robot):
+    run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
+    await_rows(run, robot.folder)
+    guardian = guardian_of(run)
+    run.kill()
+    guardian.wait(5)
+    assert "died after tick" in run.communicate(timeout=10)[1]
