@@ -32,8 +32,10 @@ def ask_for_stacks(pid):
     for process in family(pid):
         with suppress(OSError):
             folder = Path(f"/proc/{process}")
-            caught = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("SigCgt"))
-            if int(caught.split()[1], 16) >> (SHOW_STACK - 1) & 1:
+            status = dict(line.split(":\t", 1) for line in (folder / "status").read_text().splitlines())
+            signals = ("SigPnd", "ShdPnd", "SigBlk", "SigIgn", "SigCgt")
+            lines.append(f"{process} {', '.join(f'{name} {status[name]}' for name in signals)}")
+            if int(status["SigCgt"], 16) >> (SHOW_STACK - 1) & 1:
                 os.kill(process, SHOW_STACK)
         lines += threads(process)
     time.sleep(WAIT)

@@ -334,6 +334,8 @@ def unplugged(folder, dies, *words):
         try:
             assert awaited(adapter.torque), "no torque was commanded"
             guardian = guardian_of(process)
+            # or another test's adapter gets the name of this port, and its run the stop that continues
+            kept = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             adapter.unplug()
             while dies == "later" and "continue at a falling rate" not in "".join(said):
                 said.append(process.stderr.readline())
@@ -341,6 +343,7 @@ def unplugged(folder, dies, *words):
                 guardian.kill()
             link.unlink()
             yield process, said, link, port
+            os.close(kept)
         finally:
             process.kill()
 
