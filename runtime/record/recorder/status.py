@@ -127,7 +127,9 @@ def torque_part(torques: list[tuple[str, int, float, int | None]], row: Sequence
         colour = None if share <= HIGH_TORQUE else "red"
         number = f"{round(torque, 1) + 0.0:{len(f'{-limit:.1f}')}.1f}".replace("-", "−" if unicode else "-")
         number, level = (number, bar(share, unicode, TORQUE_BAR)) if is_known else ("!", "!" * TORQUE_BAR)
-        degrees = "" if angle is None or row[angle] != row[angle] else f" {math.degrees(row[angle]):.0f}°"
+        degrees = (
+            "" if angle is None or row[angle] != row[angle] else f" {round(math.degrees(row[angle]), 0) + 0.0:.0f}°"
+        )
         long += [(" · " if unicode else " | ", None), (f"{name} {level} {number} N·m{degrees}", colour)]
         named += [(", ", None), (f"{name} {number.strip()}", colour)]
         short += [(" ", None), (number.strip(), colour)]

@@ -64,7 +64,7 @@ def _detail_lines(row: dict[str, Any], heads: Sequence[str], cells: Sequence[str
 
 def _cells(row: dict[str, Any]) -> list[str]:
     def number(key, digits, unit):
-        return "-" if row[key] is None else f"{row[key]:.{digits}f} {unit}"
+        return "-" if row[key] is None else f"{round(row[key], digits) + 0.0:.{digits}f} {unit}"  # no -0.00
 
     def mark(key, cell):
         return f"{cell} !" if key in row["marks"] else cell
@@ -75,7 +75,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
         f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}",
         "taken out" if row.get("taken_out") else "yes" if row["answered"] else "not yet",
         mark("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
-        mark("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
+        mark("position", "-" if row["position"] is None else number("position", 3, "rad") + span),
         number("velocity", 2, "rad/s"),
         mark("temperature", number("temperature", 0, "°C")),
         mark("fault", "-" if row["fault_words"] is None else row["fault_words"] or "none"),

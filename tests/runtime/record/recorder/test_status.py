@@ -165,6 +165,10 @@ def test_a_torque_that_is_not_a_number_is_marked():
     assert "τ ! 2.0 N·m" in exoskeleton(79, row=(7, 0.0, float("nan"), 2.0, 0.55))
 
 
+def test_an_angle_or_torque_that_rounds_to_zero_has_no_sign():
+    assert "━━╌╌   0.0 N·m 0° ·".replace("━━", "╌╌") in exoskeleton(200, row=(7, 0.0, -0.01, 2.0, -0.004))
+
+
 def test_the_hottest_drive_is_shown_and_a_run_without_a_recording():
     assert temperature_part([2, 3, 4], (7, 0.0, 30.2, float("nan"), 41.7)[:]) == [part(5, "42 °C")]
     assert temperature_part([2], (7, 0.0, float("nan"))) == []
