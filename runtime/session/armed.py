@@ -239,14 +239,16 @@ def stopped_late(outcome: Outcome, rig: RigBuses, shared: SharedState, seconds: 
 
 @contextmanager
 def caught_signals() -> Iterator[list[int]]:
-    """Collect the numbers of the ending signals in a list."""
+    """Collect the numbers of the ending signals in a list, also of those that this thread inherited blocked."""
     caught: list[int] = []
     before = {number: signal.signal(number, lambda number, frame: caught.append(number)) for number in ENDING_SIGNALS}
+    mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
     try:
         yield caught
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def guardian_looks(shared: SharedState) -> bool:

@@ -140,6 +140,7 @@ class SimulatedRun:
         sha256 = self._file.sha256
         return Prepared(request, robot, schedule, simulation, None, ticks, source_sha256=sha256), simulation
 
+    @interruptible
     def step(self, seconds: float | None = None) -> None:
         """Advance the run.
 

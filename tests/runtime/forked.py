@@ -14,6 +14,7 @@ import os
 import resource
 import runpy
 import select
+import signal
 import socket
 import struct
 import subprocess
@@ -204,6 +205,7 @@ def read_at_start(environment):
 
 def serve(descriptor):
     """Fork a process for each request until the other end of the socket is closed. Returns in the forked ones."""
+    signal.pthread_sigmask(signal.SIG_SETMASK, [])  # the test that needs it first may have blocked some
     for module in IMPORTED:
         import_module(module)
     gc.collect()
