@@ -99,7 +99,7 @@ class Forked(subprocess.Popen):
         try:
             return super().communicate(input, timeout)
         except subprocess.TimeoutExpired as error:
-            threads = ask_for_stacks(self.pid)
+            threads = ask_for_stacks(self)
             with suppress(subprocess.TimeoutExpired):
                 super().communicate(timeout=0.1)
             written = b"".join((self._fileobj2output or {}).get(self.stderr, ()))

@@ -7,6 +7,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
+
 SHOW_STACK = signal.SIGRTMIN + 3
 WAIT = 0.5  # s for all threads to have written their stacks
 
@@ -16,20 +18,18 @@ def show_stack_on_signal():
     faulthandler.register(SHOW_STACK, file=2, all_threads=True, chain=False)
 
 
-def family(pid):
-    """The process and all that descend from it."""
-    found = [pid]
-    for parent in found:
-        with suppress(OSError):
-            for thread in Path(f"/proc/{parent}/task").iterdir():
-                found += map(int, (thread / "children").read_text().split())
-    return found
+def family(process):
+    """A run and all its processes."""
+    parent = psutil.Process(process.pid)
+    return [parent, *parent.children(recursive=True)]
 
 
-def ask_for_stacks(pid):
-    """Have each process of a family write its stacks, if it can. Returns what the kernel says of their threads."""
-    lines = []
-    for process in family(pid):
+def ask_for_stacks(run):
+    """Have each process of a run write its stacks, if it can. Returns what the kernel says of their threads."""
+    lines, processes = [], []
+    with suppress(psutil.Error):  # it has ended, and another process holds its output
+        processes = [process.pid for process in family(run)]
+    for process in processes:
         with suppress(OSError):
             folder = Path(f"/proc/{process}")
             status = dict(line.split(":\t", 1) for line in (folder / "status").read_text().splitlines())

@@ -166,7 +166,7 @@ def test_a_torque_that_is_not_a_number_is_marked():
 
 
 def test_an_angle_or_torque_that_rounds_to_zero_has_no_sign():
-    assert "━━╌╌   0.0 N·m 0° ·".replace("━━", "╌╌") in exoskeleton(200, row=(7, 0.0, -0.01, 2.0, -0.004))
+    assert "╌╌╌╌   0.0 N·m 0° ·" in exoskeleton(200, row=(7, 0.0, -0.01, 2.0, -0.004))
 
 
 def test_the_hottest_drive_is_shown_and_a_run_without_a_recording():

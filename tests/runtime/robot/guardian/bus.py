@@ -15,6 +15,7 @@ import psutil
 
 from tests.runtime.robot.guardian.drives import open_bus
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, module, started, write
+from tests.runtime.stuck import family
 
 MOTORS = (1, 2)
 
@@ -164,12 +165,6 @@ def guardian_of(process):
     """The guardian of a run."""
     [guardian] = [child for child in psutil.Process(process.pid).children() if child.name() == "tickwork-guard"]
     return guardian
-
-
-def family(process):
-    """A run and all its processes."""
-    parent = psutil.Process(process.pid)
-    return [parent, *parent.children(recursive=True)]
 
 
 def assert_nothing_is_left(processes, channel):

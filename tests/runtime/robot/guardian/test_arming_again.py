@@ -8,8 +8,9 @@ import time
 
 import pytest
 
-from tests.runtime.robot.guardian.bus import ROBOT, Bus, assert_nothing_is_left, family, is_torque
+from tests.runtime.robot.guardian.bus import ROBOT, Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, TORQUE_STEP, Files, finished, knee, torque_of, write
+from tests.runtime.stuck import family
 from tests.runtime.terminals import Terminal
 
 pytestmark = pytest.mark.paced

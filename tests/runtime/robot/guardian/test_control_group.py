@@ -10,8 +10,9 @@ from contextlib import suppress
 import pytest
 
 from runtime.robot.guardian import control_group
-from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of
+from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, guardian_of
 from tests.runtime.robot.guardian.test_stopping import DEATH
+from tests.runtime.stuck import family
 
 pytestmark = pytest.mark.paced
 

@@ -9,8 +9,9 @@ import time
 import pytest
 
 from tests.cext.spinning import BLOCK, compiled, needs_compiler
-from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, family, is_torque
+from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, Files, line_of
+from tests.runtime.stuck import family
 
 pytestmark = pytest.mark.paced
 

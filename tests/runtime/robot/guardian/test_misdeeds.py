@@ -10,8 +10,9 @@ import textwrap
 
 import pytest
 
-from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, family, is_torque
+from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, Files
+from tests.runtime.stuck import family
 
 pytestmark = pytest.mark.paced
 

@@ -15,10 +15,11 @@ from cext.memory.shared_state import SharedState
 from runtime.host.live.running import MEMORY
 from runtime.record.analysis.trial import Trial
 from tests.blocks.actuators import reference
-from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of, is_torque
+from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, guardian_of, is_torque
 from tests.runtime.robot.guardian.drives import AK10_9
 from tests.runtime.robot.guardian.test_carrying import suspend
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
+from tests.runtime.stuck import family
 
 pytestmark = pytest.mark.paced
 
