@@ -61,14 +61,21 @@ export class Parameters {
     const applied = element("span", { className: "applied live" });
     const read = (input) => Math.min(each.high, Math.max(each.low, choice ? Number(slider.checked) : Number(input.value) / scale));
     const row = { index, slider, field, reset, applied, held: false, note: "", until: 0, last: 0, later: 0 };
+    const ask = () => {
+      clearTimeout(row.later);
+      [row.later, row.last] = [0, performance.now()];
+      this.change(row, read(slider));
+    };
     slider.addEventListener("input", () => {
       row.held = true;
       if (!choice) field.value = rounded(slider.value);
       clearTimeout(row.later);
-      const wait = Math.max(0, row.last + SEND_PERIOD - performance.now());
-      row.later = setTimeout(() => { row.last = performance.now(); this.change(row, read(slider)); }, wait);
+      row.later = setTimeout(ask, Math.max(0, row.last + SEND_PERIOD - performance.now()));
     });
-    slider.addEventListener("change", () => { row.held = false; });
+    slider.addEventListener("change", () => {
+      row.held = false;
+      if (row.later) ask();  // before the next status moves the slider back
+    });
     field.addEventListener("change", () => { if (field.value !== "") this.change(row, read(field)); });
     reset.addEventListener("click", () => this.change(row, each.built));
     const entry = element("span", { className: "entry" }, field, element("span", {}, choice ? "" : each.shown));

@@ -86,6 +86,31 @@ def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
     assert tab.problems == [] or all("WebSocket" in problem for problem in tab.problems)  # after the end of the run
 
 
+def test_the_value_at_which_a_slider_is_let_go_is_asked_for_although_a_status_comes_right_after(opened):
+    _, tab = opened
+    asked = tab.evaluate("""(async () => {
+        const { Parameters } = await import("/parameters.js");
+        const parent = document.createElement("p"), both = document.createElement("input"), orders = [];
+        parent.append(both);
+        const each = { path: "law.gain", port: "gain", block: "law", unit: "N·m", shown: "N·m", factor: 1, low: 0,
+                       high: 3, built: 1, dtype: "float", description: "" };
+        const made = new Parameters(document.createElement("div"), both, (order) => orders.push(order.changes[0][1]));
+        made.build([each]);
+        const slider = made.rows[0].slider;
+        for (const value of [2, 2.5]) {  // the second may be sent 0.1 s after the first
+            slider.value = value;
+            slider.dispatchEvent(new Event("input"));
+            if (value === 2) await new Promise((done) => setTimeout(done, 20));
+        }
+        slider.dispatchEvent(new Event("change"));
+        for (const id of orders.keys()) made.answered({ id: id + 1, taken: true });
+        made.show([[1, 1]], true);  // of a tick before that
+        await new Promise((done) => setTimeout(done, 300));
+        return orders;
+    })()""")
+    assert asked == [2, 2.5]
+
+
 @pytest.mark.hazard("H9g")
 @pytest.mark.timing
 def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opened):
