@@ -9,6 +9,8 @@ Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws
 With SKIPPED_FILES=error a session fails if every selected test of a file was skipped: a check whose tool is missing has
 not been made. `make soak` sets it. Tests of real interfaces have a target of their own, `make test-hardware`.
 
+A test that fails while the machine stands still is made again: `tests.repeating`.
+
 Signals that the parent ignores, as under nohup, have their default action here and in every process that a test starts.
 """
 
@@ -18,6 +20,8 @@ import signal
 
 import pytest
 from hypothesis import settings
+
+from tests.repeating import Repeating
 
 TESTS_BETWEEN_COLLECTIONS = 40
 FULL_COLLECTION_INTERVAL = 20  # collections
@@ -30,6 +34,10 @@ for number, action in ((signal.SIGINT, signal.default_int_handler), (signal.SIGH
 settings.register_profile("steady", max_examples=30, derandomize=True, deadline=None)
 settings.register_profile("soak", max_examples=1000, deadline=None)
 settings.load_profile(os.environ.get("EXAMPLES", "steady"))
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(Repeating())
 
 
 def pytest_addoption(parser):

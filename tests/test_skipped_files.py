@@ -19,7 +19,7 @@ MODULE = "import pytest\n\npytest.importorskip('no_such_library')\n\ndef test_a(
 def test_a_file_of_skipped_tests_is_an_error_where_tools_are_required(tmp_path, text, setting, code):
     (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text())
     (tmp_path / "test_it.py").write_text(text)
-    environment = {**os.environ, "SKIPPED_FILES": setting}
+    environment = {**os.environ, "SKIPPED_FILES": setting, "PYTHONPATH": str(ROOT)}
     process = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."],
         cwd=tmp_path,

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from tests.runtime.robot.guardian.bus import ROBOT, Bus, assert_nothing_is_left, is_torque
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, TORQUE_STEP, Files, finished, knee, torque_of, write
 from tests.runtime.stuck import family
 from tests.runtime.terminals import Terminal
@@ -32,7 +32,7 @@ def terminal():
 
 
 def under_torque(bus, terminal, *words, law="pass"):
-    robot = write(bus.folder, ROBOT.format(law=law, torque=2.0, more="", blocks="", drive=""))
+    robot = write(bus.folder, ROBOT.format(law=law, torque=2.0, more="", blocks="", drive=PATIENT))
     terminal.run(robot, "--rig", bus.rig, "--yes", "--rearm", *words, cwd=bus.folder)
     bus.await_torque()
 
@@ -97,7 +97,7 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
 @pytest.mark.parametrize(
     "begin, end, words",
     [
-        (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (0.1 s)"),
+        (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (1 s)"),
         (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
     ],
 )

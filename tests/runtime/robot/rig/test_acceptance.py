@@ -11,7 +11,7 @@ from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import parse
 from runtime.robot.rig.overrides import override
 from runtime.session.own_process import words
-from tests.runtime.robot.guardian.bus import ROBOT, Bus
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
 from tests.runtime.runs import Files, finished, write
 
 KNEE = """
@@ -181,7 +181,7 @@ def test_accepted_setting_is_in_table_summary_and_recording(tmp_path):
     with Bus(tmp_path, number=7) as bus:
         device = '[device."left/knee"]\nwire_torque = 60.0\ncan_id = 1\n[device."right/knee"]\ninvert = true\n'
         bus.rig.write_text(bus.rig.read_text() + device)
-        robot = write(tmp_path, ROBOT.format(law="pass", torque=1.0, more="", blocks="", drive=""))
+        robot = write(tmp_path, ROBOT.format(law="pass", torque=1.0, more="", blocks="", drive=PATIENT))
         options = ("--rig", bus.rig, "--yes", "--record", "out", "--duration", "0.3")
         refused = finished(robot, *options, cwd=tmp_path)
         assert refused.returncode == BAD_INPUT and "--accept left/knee.wire_torque" in refused.stderr

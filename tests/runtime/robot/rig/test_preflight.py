@@ -16,7 +16,7 @@ from runtime.host.console.styles import Console
 from runtime.record.report.failure_coverage import coverage, in_words
 from runtime.record.report.preflight.table import Preflight
 from runtime.record.report.preflight.text import ASK, text
-from tests.runtime.robot.guardian.bus import ROBOT, Bus, is_torque
+from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, Files, finished, write
 from tests.runtime.terminals import Terminal
 
@@ -41,7 +41,7 @@ def terminal():
 
 def at_the_table(bus, terminal, *words):
     """A run that asks. Returns what it has shown."""
-    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
+    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=PATIENT))
     terminal.run(robot, "--rig", bus.rig, *words, cwd=bus.folder)
     terminal.wait_for("press Enter to arm")
     return terminal.look()
@@ -135,7 +135,7 @@ def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
     bus.drives.kill()
     assert terminal.end() == 3
     shown = terminal.words()  # wrapped at the width
-    assert "/knee, while arming: no reply for longer than its timeout (0.1 s)" in shown
+    assert "/knee, while arming: no reply for longer than its timeout (1 s)" in shown
     bus.listen()
     assert not any(is_torque(frame) for frame in bus.frames)
 
@@ -147,7 +147,7 @@ IN_DOUBT = '[device."left/knee"]\nrange = [-0.1, 2.0]\nwake_shift = 0.6981\n'
 def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, terminal):
     """Its drive reads 0.1 rad, and 0.80 and 1.50 rad also lie in its range."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
-    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
+    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=PATIENT))
     run = finished(robot, "--rig", bus.rig, "--yes", "--no-record", "--duration", "1", cwd=bus.folder)
     assert (
         run.returncode == 3
