@@ -8,7 +8,6 @@ cdef class Streams(Reopening):
     cdef list streams
     cdef Source **sources
     cdef int count
-    cdef int bell
     cdef pthread_t thread
     cdef bint running
     cdef int32_t leave

@@ -21,7 +21,7 @@ from libc.errno cimport EAGAIN, ECONNREFUSED, EHOSTUNREACH, EINTR, ENETDOWN, ENE
 from libc.stdint cimport uint8_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
-from posix.unistd cimport close, read
+from posix.unistd cimport read
 
 from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport load_i32, store_i32, store_u64
@@ -37,8 +37,8 @@ from cext.lines.stream cimport (
 from cext.threads cimport be_called, start_thread
 
 cdef enum:
-    BELL = 0xFFFFFFFF
     EVENTS = 32
+    PATIENCE = 20                       # ms after which the thread sees that it is to end
 
 cdef int64_t LOOK = 20000000            # ns between presence checks of a GPIO line's chip
 cdef size_t STACK = 256 << 10           # bytes
@@ -47,20 +47,12 @@ cdef size_t STACK = 256 << 10           # bytes
 cdef class Streams(Reopening):
     """Streams of a run, and the thread that reads them: started before arming, ended after the safe stop."""
 
-    def __cinit__(self):
-        self.bell = -1
-
     def __init__(self):
         super().__init__()
         self.streams = []
-        self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        if self.listen(self.bell, EPOLLIN, <int>BELL) != 0:
-            raise OSError(errno, os.strerror(errno))
 
     def __dealloc__(self):
         self.end()
-        if self.bell >= 0:
-            close(self.bell)
         free(self.sources)
 
     def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False,
@@ -153,29 +145,29 @@ cdef class Streams(Reopening):
             return
         self.running = False
         store_i32(&self.leave, 1)
-        os.eventfd_write(self.bell, 1)
         with nogil:
             pthread_join(self.thread, NULL)
-        os.eventfd_read(self.bell)
 
     cdef void serve(self) noexcept nogil:
         cdef epoll_event[EVENTS] events
-        cdef int count, index
-        cdef int64_t now
+        cdef int count, index, why
         cdef int timeout = 0
         cdef Source *source
         be_called("tickwork-read", self.priority)
         while not load_i32(&self.leave):
             count = epoll_wait(self.epoll, events, EVENTS, timeout)
+            if count < 0 and errno != EINTR:                                 # a block has closed it
+                why = errno
+                for index in range(self.count):
+                    self.lose(self.sources[index], why, monotonic())
+                return
             for index in range(count):
-                if events[index].data.u32 != BELL:
-                    source = self.sources[events[index].data.u32]
-                    if load_i32(&source.gone):
-                        self.settle(source, events[index].data.u32, monotonic())
-                    elif not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
-                        self.lose(source, 0, monotonic())
-            now = monotonic()
-            timeout = self.look_after(now)
+                source = self.sources[events[index].data.u32]
+                if load_i32(&source.gone):
+                    self.settle(source, events[index].data.u32, monotonic())
+                elif not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
+                    self.lose(source, 0, monotonic())
+            timeout = self.look_after(monotonic())
 
     cdef bint take(self, Source *source) noexcept nogil:
         """Read available data into frames. Returns False if there was none; a lost line is not read any more."""
@@ -211,9 +203,9 @@ cdef class Streams(Reopening):
         return True
 
     cdef int look_after(self, int64_t now) noexcept nogil:
-        """Reopen lost lines, and set up reconnected ones. Returns the ms until the next action is due, -1 for none."""
+        """Reopen lost lines, and set up reconnected ones. Returns ms until the next action is due, at most PATIENCE."""
         cdef int index
-        cdef int64_t due = -1
+        cdef int64_t due = now + PATIENCE * 1000000
         cdef Source *source
         for index in range(self.count):
             source = self.sources[index]
@@ -234,9 +226,9 @@ cdef class Streams(Reopening):
                         continue
             else:
                 continue
-            if due < 0 or source.due < due:
-                due = source.due
-        return -1 if due < 0 else <int>(max(due - now, 0) // 1000000 + 1)
+            due = min(due, source.due)
+        return <int>(max(due - now, 0) // 1000000 + 1)
+
 
 cdef void *enter(void *context) noexcept nogil:
     (<Streams>context).serve()

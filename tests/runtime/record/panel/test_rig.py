@@ -9,6 +9,8 @@ from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
 from tests.runtime.runs import DISABLE, ENABLE, KNEE, Files, write
 from tests.runtime.terminals import Terminal
 
+pytestmark = pytest.mark.paced
+
 
 @pytest.fixture
 def bus(tmp_path):

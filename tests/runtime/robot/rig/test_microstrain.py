@@ -230,6 +230,7 @@ def test_filters_and_mounting_are_written_and_read_back(there):
     one(serial="133931", sensor_to_vehicle=(0.0, 0.0, 0.0), anti_aliasing="on", up_compensation=10.0)
 
 
+@pytest.mark.paced
 def test_the_settings_that_were_read_are_recorded(there, tmp_path):
     write(tmp_path, FILTERED, "filtered.py")
     write(tmp_path, '[device.shank]\nserial = "133931"\n', "lab.toml")

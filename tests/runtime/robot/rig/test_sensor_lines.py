@@ -111,6 +111,7 @@ def lab(tmp_path):
     os.close(slave)
 
 
+@pytest.mark.paced
 def test_a_run_on_a_rig_reads_a_serial_port_and_a_socket(lab):
     folder, _ = lab
     process = finished("walk.py", "--rig", "lab.toml", "--duration", "0.5", "--yes", cwd=folder)

@@ -12,15 +12,39 @@ from tests.runtime.robot.guardian.bus import guardian_of
 from tests.runtime.robot.rig.test_microstrain import Sensors
 from tests.runtime.runs import finished, started, write
 
+pytestmark = pytest.mark.paced
+
 ROBOT = """
+import os
+import signal
+import time
+
 from blocks.imus import MicroStrain
 from blocks.recorders import CsvRecorder
-from graph import Diagram
+from graph import Block, Diagram, Output
+
+
+class Law(Block):
+    done = Output("1")
+
+    def step(self, tick):
+        if tick == 200:  # its guardian has been found by then
+            {law}
+        return 1.0
+
 
 with Diagram("walker", rate=200) as diagram:
     MicroStrain(name="shank", rate=500.0, timeout=0.5)
     MicroStrain(name="thigh", rate=200.0, timeout=0.5)
+    Law(name="law")
     CsvRecorder()
+"""
+GUARDIAN = """
+
+def guardian():
+    import psutil
+
+    return next(each.pid for each in psutil.Process().children() if each.name() == "tickwork-guard")
 """
 RIG = """
 [device.shank]
@@ -44,7 +68,7 @@ def await_rows(run, folder):
 @pytest.fixture
 def robot(tmp_path, monkeypatch):
     monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "tty*"))
-    write(tmp_path, ROBOT, "robot.py")
+    write(tmp_path, ROBOT.format(law="pass"), "robot.py")
     write(tmp_path, RIG, "lab.toml")
     sensors = Sensors(tmp_path, "133931", "133932=3DM-CV7-AHRS")
     yield sensors
@@ -102,3 +126,32 @@ def test_the_guardian_of_a_run_without_actuators_ends_with_it(robot):
     run.kill()
     guardian.wait(5)
     assert "died after tick" in run.communicate(timeout=10)[1]
+
+
+@pytest.mark.parametrize(
+    "law, code, said",
+    [
+        ("raise ValueError('x')", 3, "ValueError: x"),
+        ("time.sleep(100)", 3, "law hangs"),
+        ("while True: pass", 3, "law hangs"),
+        ("time.sleep(0.25)", 3, "law hangs"),
+        ("os._exit(5)", 5, "died"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", -11, "died of SIGSEGV in law"),
+        ("os.closerange(3, 1024)", 3, "file descriptors of the run were closed or replaced"),
+        ("return float('nan')", 0, ""),
+        ("signal.raise_signal(signal.SIGINT)", 130, "stopped by SIGINT"),
+        ("signal.raise_signal(signal.SIGTERM)", 143, "stopped by SIGTERM"),
+        ("signal.raise_signal(signal.SIGHUP)", 129, "stopped by SIGHUP"),
+        ("os.kill(guardian(), signal.SIGKILL)", 3, "guardian"),
+        ("os.kill(guardian(), signal.SIGSTOP)", 3, "guardian"),
+    ],
+)
+def test_a_run_without_actuators_ends_whatever_happens(robot, law, code, said):
+    write(robot.folder, ROBOT.format(law=law) + GUARDIAN, "robot.py")
+    run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "4", cwd=robot.folder)
+    await_rows(run, robot.folder)
+    guardian = guardian_of(run)
+    out, err = run.communicate(timeout=10)
+    assert run.returncode == code, out + err
+    assert said in out + err and "Traceback" not in err
+    guardian.wait(5)

@@ -77,6 +77,7 @@ def run(folder, line, *words):
     return started(knee(folder, "return 2.0"), "--rig", rig, "--yes", "--no-record", *words, cwd=folder)
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize(
     "interface",
     ["serial", pytest.param("seeedstudio", marks=pytest.mark.soak), pytest.param("robotell", marks=pytest.mark.soak)],
