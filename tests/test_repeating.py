@@ -18,8 +18,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-made = []
-processes = [each for each in psutil.process_iter(["cmdline"]) if os.environ["STANDSTILLS"] in each.info["cmdline"]]
+made, FILE = [], os.environ["STANDSTILLS"]
+processes = [each for each in psutil.process_iter(["cmdline"]) if FILE in (each.info["cmdline"] or ())]
 
 
 @pytest.fixture(scope="module", autouse=True)
