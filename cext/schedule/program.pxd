@@ -68,7 +68,7 @@ cdef class Program:
     cdef bint held_news          # a step has held an exception, whose event is not published yet
     cdef int64_t gil_taken
     cdef list blocks
-    cdef list holding            # PythonSteps that may hold exceptions
+    cdef list calls              # PythonSteps of the tick
     cdef SharedLayout *layout        # for the event of the first held exception; NULL: none
     cdef object schedule
     cdef Code code               # of the segments, or None

@@ -56,7 +56,7 @@ cdef class Program:
         self.keep = []
         self.at = &self.own_at
         self.blocks = list(schedule.python_blocks)
-        self.holding = []
+        self.calls = []
         self.live = LiveTable(schedule.live, schedule.live_rules, schedule.held_bounds, self.memory)
         self.held_start, self.memory_start = schedule.held_start, schedule.memory_start
         self.load_phase(&self.look, schedule.look, False)
@@ -107,8 +107,8 @@ cdef class Program:
                 call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory, entry.hold
                     if holds else 0)
                 self.keep.append(call)
-                if call.hold > 0:
-                    self.holding.append(call)
+                if holds:
+                    self.calls.append(call)
                 step.python = <PyObject *>call
             kind = (step.kernel == NULL, entry.every, entry.conditions, entry.name if entry.allowance else "")
             if segment == NULL or kind != previous:
@@ -190,7 +190,7 @@ cdef class Program:
         self.live.reset()
         for block in self.blocks:
             block.reset()
-        for call in self.holding:
+        for call in self.calls:
             (<PythonStep>call).reset()
         self.devices.reset()
         self.error = None
@@ -211,12 +211,17 @@ cdef class Program:
     def held(self) -> list[tuple[str, int, int, BaseException]]:
         """Held exceptions: a list of (path, count, first tick, last exception) of each block that held any."""
         found = {}
-        for call in self.holding:
+        for call in self.calls:
             if call.held:
                 path, count, first, last = found.get(call.name, (call.name, 0, call.first_held, None))
                 found[path] = path, count + call.held, min(first,
                     call.first_held), call.last_held if last is None else last
         return list(found.values())
+
+    @property
+    def nan(self) -> list[tuple[str, int, int]]:
+        """Outputs of Python blocks that were NaN: a list of (path, number of such steps, number of steps)."""
+        return [(path, count, call.returned) for call in self.calls for path, count in call.nan]
 
     @property
     def reports(self) -> DeviceReports:
@@ -423,7 +428,8 @@ cdef class Program:
         """
         self.layout = layout
         self.at = &self.own_at if layout == NULL else &layout.at
-        return self.devices.share(layout) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
+        return self.devices.share(layout) + sum(
+            8 + (<PythonStep>call).news.size() for call in self.calls if call.hold)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`.

@@ -23,6 +23,8 @@ cdef class PythonStep:
     cdef readonly int64_t held           # number of held exceptions
     cdef readonly int64_t first_held     # tick of the first
     cdef readonly object last_held       # last held exception
+    cdef readonly int64_t returned       # number of steps that returned
+    cdef int64_t[32] nans                # of these, those in which an output was NaN
     cdef EventTemplate news              # event of the first
     cdef bint has_news                   # it is not published yet
     cdef list input_views, output_views, input_names, output_names
@@ -31,6 +33,7 @@ cdef class PythonStep:
     cdef void keep(self, double *arena) noexcept nogil
     cdef void put_back(self, double *arena) noexcept nogil
     cdef void reset(self)
+    cdef void count_nan(self, const double *arena) noexcept nogil
     cdef void publish(self, SharedLayout *layout) noexcept nogil
     cdef int refuse(self, int index, value) except -1
     cdef int store_array(self, int index, object value, double *arena) except -1

@@ -124,10 +124,30 @@ cdef class PythonStep:
         self.reset()
 
     cdef void reset(self):
-        """Clear the held exceptions and kept values."""
+        """Clear the held exceptions, kept values and counts."""
         self.in_a_row, self.held, self.first_held, self.last_held = 0, 0, -1, None
         self.given = self.output_count == 0
         self.has_news = False
+        self.returned = 0
+        memset(self.nans, 0, sizeof(self.nans))
+
+    @property
+    def nan(self) -> list[tuple[str, int]]:
+        """(path of an output, number of steps in which it was NaN) of each output that was NaN."""
+        return [("%s.%s" % (self.name, port), self.nans[index]) for index, port in enumerate(self.output_names)
+            if self.nans[index]]
+
+    cdef void count_nan(self, const double *arena) noexcept nogil:
+        """Count a step that returned, and its outputs with a NaN."""
+        cdef int index, place
+        cdef const double *run
+        self.returned += 1
+        for index in range(self.output_count):
+            run = arena + self.output_slots[index]
+            for place in range(self.output_sizes[index]):
+                if run[place] != run[place]:
+                    self.nans[index] += 1
+                    break
 
     cdef void publish(self, SharedLayout *layout) noexcept nogil:
         """Publish the event of the first held exception, once. `layout` may be NULL."""
@@ -219,6 +239,7 @@ cdef class PythonStep:
                     self.store(index, (<object>result)[index], arena)
         finally:
             Py_DECREF(<object>result)
+        self.count_nan(arena)
         return 0
 
     cdef int store(self, int index, object value, double *arena) except -1:

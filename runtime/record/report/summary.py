@@ -121,6 +121,8 @@ def summary(result: RunResult) -> list[str]:
         row("" if index else "drive", f"{path}: {times}")
     for entry in result.held:
         row("held", held_text(entry, schedule.rate))
+    for index, (path, number, steps) in enumerate(result.control.nan):
+        row("" if index else "NaN", f"{path} was NaN in {number} of {count(steps, 'step')}")
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
         for line in stride_details(stride):

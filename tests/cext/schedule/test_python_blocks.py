@@ -562,3 +562,24 @@ def test_a_vector_outside_its_range_is_refused_in_every_form(form):
     assert (outcome.culprit, outcome.tick) == ("limited", 5)
     assert str(outcome.error) == "limited.y is array([ 0.5 , -0.25,  1.25]), outside its declared range [-1, 1]"
     assert [rig[f"limited.y[{i}]"][4] for i in range(3)] == [0.5, -0.25, 1.0]
+
+
+class Pair(Block):
+    """An array of two, and its sum."""
+
+    u = Input("any")
+    both = Output("1", shape=(2,))
+    total = Output("1")
+
+    def step(self, u):
+        return [1.0, u], 1.0 + u
+
+
+def test_steps_in_which_an_output_is_nan_are_counted_anew_in_each_run():
+    with Diagram("nan", rate=100) as diagram:
+        Pair(name="pair")(Source([1.0, math.nan, 2.0, math.nan, 3.0], name="source")())
+    outcome, rig = run(diagram)
+    assert outcome.status == "ok"
+    assert rig.control.nan == [("source.y", 2, 20), ("pair.both", 2, 20), ("pair.total", 2, 20)]
+    rig.run(3)
+    assert rig.control.nan == [("source.y", 1, 3), ("pair.both", 1, 3), ("pair.total", 1, 3)]

@@ -1,4 +1,4 @@
-"""Held exceptions of a block are counted and reported: in the summary, in the recording, and as JSON."""
+"""Held exceptions and NaN of a block are counted and reported: in the summary, in the recording, and as JSON."""
 
 import json
 
@@ -92,3 +92,15 @@ def test_emergency_stop_is_reported_and_exits_with_fault_code(tmp_path):
     assert process.returncode == FAULT
     assert "FAULT at stop, tick 50 (0.5 s): the emergency stop was pressed" in process.stderr
     assert sidecar(tmp_path)["ended"] == "fault: e-stop at stop, tick 50"
+
+
+def test_nan_of_a_block_is_in_the_summary_although_nothing_reads_it(tmp_path):
+    """In all steps, in some, and not at all in one whose values are numbers."""
+    file = robot(tmp_path, "return float('nan') if tick >= 60 else 1.0", 'Flaky(name="other", every=2)')
+    process = finished(file.name, "--duration", "1", "--fast", "--no-record", cwd=tmp_path)
+    assert process.returncode == OK, process.stderr
+    assert (
+        "  NaN         sensor.y was NaN in 40 of 100 steps\n              other.y was NaN in 20 of 50 steps\n"
+    ) in process.stdout
+    file = robot(tmp_path, "return tick")
+    assert "NaN" not in finished(file.name, "--duration", "1", "--fast", "--no-record", cwd=tmp_path).stdout
