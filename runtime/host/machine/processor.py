@@ -21,6 +21,7 @@ class Processor:
     numbers : numbers of the processors, at least one, in order of preference
 
     number : number of the allocated processor
+    shared : whether another loop uses it
     """
 
     def __init__(self, numbers: Sequence[int]) -> None:
@@ -31,9 +32,9 @@ class Processor:
             except OSError:
                 self._name.close()
             else:
-                self.number, self._file = number, identity(self._name.fileno())
+                self.number, self.shared, self._file = number, False, identity(self._name.fileno())
                 return
-        self.number, self._file = numbers[0], None
+        self.number, self.shared, self._file = numbers[0], True, None
 
     def close(self) -> None:
         """Release the processor."""

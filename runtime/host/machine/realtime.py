@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 MODES = ("off", "try", "require")
 PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
 PRIORITY_LIMIT = 98
+WAY = 2  # by which a loop is below those that have taken every processor: its guardian is one above it
 SPIN = 0.5  # s
 SLICE = 100_000  # ns, the minimum of Linux, which exceeds the computing time of a tick
 STACK = 512 << 10  # bytes of stack touched in advance
@@ -228,7 +229,10 @@ class Realtime:
         if not choice:
             return None
         with ExitStack() as guard:
-            cpu = guard.enter_context(closing(Processor(choice))).number
+            processor = guard.enter_context(closing(Processor(choice)))
+            if processor.shared and self.cpu is None:
+                return self._give_way()
+            cpu = processor.number
             try:
                 os.sched_setaffinity(0, {cpu})
             except OSError:
@@ -241,6 +245,16 @@ class Realtime:
             self._undo.push(guard.pop_all())
         self.processor, self.others = cpu, before - {cpu}
         return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
+
+    def _give_way(self) -> str:
+        """Take a lower priority, so that the loops that came first and have taken every processor are not delayed."""
+        words = f"SCHED_FIFO {self.priority}"
+        if words not in self.granted:
+            return ""
+        self.granted.remove(words)
+        self.priority = max(1, self.priority - WAY)
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(self.priority))
+        return f"SCHED_FIFO {self.priority} (below other loops, which have taken every processor)"
 
     def _take_priority(self) -> str:
         name = f"SCHED_FIFO {self.priority}"

@@ -575,7 +575,7 @@ class Pair(Block):
         return [1.0, u], 1.0 + u
 
 
-def test_steps_in_which_an_output_is_nan_are_counted_anew_in_each_run():
+def test_steps_in_which_an_output_is_nan_are_counted_in_each_run():
     with Diagram("nan", rate=100) as diagram:
         Pair(name="pair")(Source([1.0, math.nan, 2.0, math.nan, 3.0], name="source")())
     outcome, rig = run(diagram)

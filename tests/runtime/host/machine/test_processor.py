@@ -15,6 +15,7 @@ def test_two_loops_use_two_processors_and_a_third_shares_the_fastest():
         second = Processor([FAR + 1, FAR])
         with closing(second), closing(Processor([FAR + 1, FAR])) as third:
             assert (first.number, second.number, third.number) == (FAR + 1, FAR, FAR + 1)
+            assert (first.shared, second.shared, third.shared) == (False, False, True)
         with closing(Processor([FAR + 1, FAR])) as again:
             assert again.number == FAR  # what the second has left
     with closing(Processor([FAR + 1, FAR])) as last:

@@ -363,6 +363,23 @@ with Realtime("try") as realtime:
 
 
 @as_root
+@with_two_processors
+def test_a_loop_without_a_processor_of_its_own_is_below_those_that_came_first():
+    granted, priority, places, chosen = told("""
+from runtime.host.machine.processor import Processor
+processors = os.sched_getaffinity(0)
+taken = [Processor([number]) for number in processors]
+with Realtime("try") as realtime:
+    late = realtime.granted, os.sched_getparam(0).sched_priority, os.sched_getaffinity(0) == processors
+with Realtime("try", cpu=0) as realtime:
+    print(json.dumps([*late, realtime.granted[-2:]]))
+""")
+    assert granted[-1] == "SCHED_FIFO 78 (below other loops, which have taken every processor)"
+    assert "SCHED_FIFO 80" not in granted and priority == 78 and places, "it moves to where it finds time"
+    assert [words.partition(" (")[0] for words in chosen] == ["SCHED_FIFO 80", "processor 0"], "the operator decides"
+
+
+@as_root
 def test_temporary_hang_costs_priority_and_is_reported(tmp_path):
     knee(
         tmp_path,
