@@ -48,6 +48,7 @@ html_title = f"Tickwork {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
+html_search_scorer = str(ROOT / "docs" / "api" / "scorer.js")
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
@@ -175,6 +176,11 @@ def link_blocks(app, doctree, docname):
         span.replace_self(nodes.reference("", "", span.deepcopy(), internal=True, refuri=target))
 
 
+def remove_template(app, exception):
+    """Remove a template of the theme that is copied with its static files: its links lead nowhere."""
+    (Path(app.outdir) / "_static" / "webpack-macros.html").unlink(missing_ok=True)
+
+
 def setup(app):
     """Write the generated pages, and connect the converters."""
     generated.write(Path(app.srcdir) / "api", quick=QUICK)
@@ -183,3 +189,4 @@ def setup(app):
     app.connect("source-read", read)
     app.connect("doctree-resolved", mark_words)
     app.connect("doctree-resolved", link_blocks)
+    app.connect("build-finished", remove_template)

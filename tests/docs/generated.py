@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import io
+import json
 import os
 import re
 from contextlib import redirect_stdout, suppress
@@ -10,6 +11,7 @@ from unittest import mock
 
 from graph import diagnostics
 from runtime.cli.main import GROUPS, main
+from runtime.robot.loading.catalog import class_card
 from runtime.robot.rig import errors
 from tests.docs import block_pages
 from tests.docs.pages import DOCS, anchors
@@ -50,6 +52,7 @@ def write(folder, quick):
         old.unlink()
     for name, page in pages.items():
         put(folder / f"{name}.md", page)
+    put(folder / "scorer.js", scorer())
 
 
 def put(path, text):
@@ -57,6 +60,16 @@ def put(path, text):
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists() or path.read_text() != text:
         path.write_text(text)
+
+
+def scorer():
+    """Return the order of results of the site's search: Scorer of Sphinx."""
+    places = {}
+    for kind in block_pages.homes():
+        for place, parameter in enumerate(class_card(kind)["parameters"]):
+            places.setdefault(parameter["name"], {})[kind.__name__] = place
+    text = (DOCS / "_templates" / "scorer.js").read_text()
+    return re.sub(r"\{/\*.*?\*/\}", json.dumps(places), text)
 
 
 def python_pages():

@@ -7,6 +7,7 @@ import sys
 from tests.docs.pages import ROOT
 
 SITE = ROOT / "build" / "site"
+NOT_FOUND = ROOT / "docs" / "_templates" / "not_found.html"
 START = '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={}/index.html">\n'
 
 
@@ -24,11 +25,12 @@ def build():
 
 
 def list_versions(site):
-    """Write the list for the version switcher, newest first, and a start page that opens the newest."""
+    """Write the versions, newest first, for their switcher, a start page that opens the newest, and a page for 404."""
     versions = [path.parent.name for path in site.glob("*/index.html")]
     versions.sort(key=lambda name: [int(part) if part.isdigit() else -1 for part in name.split(".")], reverse=True)
     (site / "versions.js").write_text(f"window.TICKWORK_VERSIONS = {json.dumps(versions)};\n")
     (site / "index.html").write_text(START.format(versions[0]))
+    (site / "404.html").write_text(NOT_FOUND.read_text().replace("VERSION", versions[0]))
 
 
 if __name__ == "__main__":

@@ -7,13 +7,18 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
 from tests.checkout import ROOT
 from tests.docs.block_pages import INDEX
+from tests.docs.generated import scorer
 from tests.docs.pages import DOCS, PAGES
 from tests.docs.site import list_versions
+from tests.graph.drawing.browser import needs_browser
+from tests.runtime.record.panel.chromium import browser
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +64,10 @@ def test_pages_load_nothing_from_a_network(site):
         assert not loaded, (page, loaded)
 
 
+def test_no_template_of_the_theme_is_in_the_site(site):
+    assert [page for page in site.rglob("*.html") if "{{" in page.read_text() and "pathto(" in page.read_text()] == []
+
+
 def test_names_of_blocks_link_to_their_pages(site):
     assert 'href="../api/blocks/CubeMars.html"' in (site / "reference" / "actuators.html").read_text()
 
@@ -76,3 +85,44 @@ def test_versions_are_listed_newest_first(tmp_path):
     list_versions(tmp_path)
     assert (tmp_path / "versions.js").read_text() == 'window.TICKWORK_VERSIONS = ["0.10.0", "0.9.1", "0.2.0"];\n'
     assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text()
+
+
+@needs_browser
+@pytest.mark.parametrize("asked", ["0.2.0/how_to/gait_phase.html", "gait_phase", "0.1.0/gait-phase.html"])
+def test_an_address_without_a_page_leads_to_the_start_and_to_a_search(tmp_path, asked):
+    """In a folder of the server, as for the pages of a project."""
+    (tmp_path / "tickwork" / "0.2.0").mkdir(parents=True)
+    (tmp_path / "tickwork" / "0.2.0" / "index.html").write_text("")
+    list_versions(tmp_path / "tickwork")
+    page = (tmp_path / "tickwork" / "404.html").read_bytes()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(404)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(page)
+
+        def log_message(self, *words):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server, browser(tmp_path) as new_tab:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        base = f"http://127.0.0.1:{server.server_port}/tickwork/"
+        tab = new_tab(base + asked)
+        assert tab.evaluate("document.getElementById('start').href") == base + "0.2.0/index.html"
+        assert tab.evaluate("document.getElementById('search').href") == base + "0.2.0/search.html?q=gait%20phase"
+        assert tab.text("#search") == "Search for “gait phase”"
+        server.shutdown()
+
+
+@needs_browser
+def test_a_search_lists_the_block_whose_first_parameters_have_that_name_first(tmp_path):
+    (tmp_path / "scorer.js").write_text(scorer())
+    (tmp_path / "search.html").write_text('<script src="scorer.js"></script>')
+    pages = [f"api/blocks/{name}" for name in ("Admittance", "Cuff", "Gain", "Impedance", "SoftStop")] + ["how_to/pid"]
+    with browser(tmp_path) as new_tab:
+        tab = new_tab(f"file://{tmp_path}/search.html?q=Stiffness+of+a+spring")
+        scores = tab.evaluate(f"{pages}.map((page) => Scorer.score([page, '', '', '', 5, '', 'text']))")
+    assert max(pages, key=dict(zip(pages, scores)).get) == "api/blocks/Impedance"
+    assert scores[pages.index("api/blocks/Gain")] == scores[-1] == 5
