@@ -1,14 +1,14 @@
 """The status line of a run on a terminal, refreshed ten times a second.
 
     running ━━━━╌╌╌╌ 5.3/10 s · space stops · REC exo.mcap · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full ·
-    missed 0 · dropped 0 · 41 °C · left/knee ━━╌╌  −4.5 N·m  31°
+    missed 0 · dropped 0 · strides 4/5 · 41 °C · left/knee ━━╌╌  −4.5 N·m  31°
 
     running 5.3/10 s  space stops  REC  200 Hz  legs 21 %  lost 0  41 °C  τ −4.5 N·m
 
 The second form fits 80 columns. The parameter selected with the keys follows the time. A bar is the share of the torque
-limit, and the temperature that of the hottest drive. Lateness is the median and the 99th percentile since the start;
-rate, load and bus load are averages over the last second: for CAN the share of the bitrate, for other buses frames per
-second.
+limit; strides are counted for each leg; the temperature is that of the hottest drive. Lateness is the median and the
+99th percentile since the start; rate, load and bus load are averages over the last second: for CAN the share of the
+bitrate, for other buses frames per second.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class StatusLine:
         self.panel, self.recording = panel, recording
         self.torques = torques_of(plan)
         self.temperatures = [2 + place for place, signal in enumerate(plan["signals"]) if signal["unit"] == "°C"]
+        self.strides = strides_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history, self.state = deque(maxlen=RATE_WINDOW + 1), None  # of the present state alone
@@ -75,6 +76,7 @@ class StatusLine:
             [*([] if self.panel is None else self.panel.parts(now)), recording_part(self.plan)],
         )
         if self.recording is not None and self.recording.newest is not None:
+            parts += strides_part(self.strides, self.recording.newest)
             parts += temperature_part(self.temperatures, self.recording.newest)
             parts += torque_part(self.torques, self.recording.newest, self.terminal.unicode)
         columns = self.terminal.columns
@@ -105,6 +107,21 @@ def torques_of(plan: Plan) -> list[tuple[str, int, float, int | None]]:
         for place, name in enumerate(names)
         if limits.get(f"{name}.torque")
     ]
+
+
+def strides_of(plan: Plan) -> list[int]:
+    """Return the index of the number of strides in the recorded row: of the first one of each side."""
+    first: dict[str, int] = {}
+    for place, signal in enumerate(plan["signals"]):
+        side, _, name = signal["path"].rpartition("/")
+        if name.endswith(".strides"):
+            first.setdefault(side.partition("/")[0], 2 + place)
+    return list(first.values())
+
+
+def strides_part(places: list[int], row: Sequence[float]) -> list[Any]:
+    """Return a list with the part of the strides, empty without any. places : indices in the row"""
+    return [part(4.9, f"strides {'/'.join(f'{row[place]:.0f}' for place in places)}")] if places else []
 
 
 def temperature_part(places: list[int], row: Sequence[float]) -> list[Any]:

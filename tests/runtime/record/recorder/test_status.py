@@ -21,6 +21,8 @@ from runtime.record.recorder.status import (
     describe,
     rates,
     recording_part,
+    strides_of,
+    strides_part,
     temperature_part,
     torque_part,
 )
@@ -115,9 +117,11 @@ def test_the_page_shows_the_status_line_of_a_wide_and_of_a_narrow_terminal():
         recording_part({"folder": "", "stem": "exo"}),
     ]
     parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, 0.031, 800.0, 800.0, 0.21e6), True, hint)
-    row = (7, 0.0, -4.5, 1.0, 0.54, 41.3, float("nan"))
-    parts += temperature_part([5, 6], row) + torque_part(
-        [("left/knee", 2, 9.0, 4), ("right/knee", 3, 9.0, 4)], row, True
+    row = (7, 0.0, -4.5, 1.0, 0.54, 41.3, float("nan"), 4.0, 5.0)
+    parts += (
+        strides_part([7, 8], row)
+        + temperature_part([5, 6], row)
+        + torque_part([("left/knee", 2, 9.0, 4), ("right/knee", 3, 9.0, 4)], row, True)
     )
     page = (ROOT / "docs" / "reference" / "running.md").read_text()
     shown = re.findall(r"^    (running .*)$", page, re.MULTILINE)
@@ -173,6 +177,14 @@ def test_the_hottest_drive_is_shown_and_a_run_without_a_recording():
     assert temperature_part([2, 3, 4], (7, 0.0, 30.2, float("nan"), 41.7)[:]) == [part(5, "42 °C")]
     assert temperature_part([2], (7, 0.0, float("nan"))) == []
     assert recording_part({"folder": None, "stem": "exo_12"}).forms == ("not recorded",)
+
+
+def test_strides_are_those_of_the_first_block_of_each_side():
+    names = ("left/events.strides", "left/phase.strides", "right/events.strides", "own.stridesx", "trunk.strides")
+    places = strides_of({"signals": [{"path": name} for name in names]})
+    assert places == [2, 4, 6]
+    assert strides_part(places, (0, 0.0, 12.0, 13.0, 11.0, 0.0, 12.0)) == [part(4.9, "strides 12/11/12")]
+    assert strides_part([], (0, 0.0)) == []
 
 
 class Sheet:
