@@ -190,11 +190,14 @@ cdef class SharedState:
 
     @property
     def stopped_by(self) -> str:
-        """Origin of the request to end the run: "keys", "panel", or "set" and the ID of its process. "" without one."""
+        """Origin of the request to end the run: "keys", "page" and its number, or "set" and the ID of its process.
+
+        "" without a request.
+        """
         cdef uint64_t stop = load_u64(&self.layout.operator.stop)
         if stop == 0:
             return ""
-        names = {BY_KEYS: "keys", BY_PANEL: "panel"}
+        names = {BY_KEYS: "keys", BY_PANEL: "page %d" % process_of_stop(stop)}
         return names.get(origin_of_stop(stop)) or "set %d" % process_of_stop(stop)
 
     @property

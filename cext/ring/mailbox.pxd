@@ -61,6 +61,7 @@ cdef struct Letter:
     int32_t origin
     int32_t count               # number of changes
     int32_t answer
+    int32_t writer              # as in Change
     int32_t[CHANGES] parameters
     double[CHANGES] values
     int64_t tick                # at the start of which it took effect
@@ -75,7 +76,7 @@ cdef struct Change:             # a request that has taken effect, for the ring
     int64_t tick
     int32_t kind
     int32_t origin
-    int32_t writer              # ID of its process
+    int32_t writer              # ID of its process, or number of the page of a panel
     int32_t parameter
     double value                # number of the mark, for a mark
     double before

@@ -16,7 +16,7 @@ from cext.status cimport PYTHON_ERROR
 from cext.atomics cimport store_u64
 from cext.ring.mailbox cimport (
     AGAINST_RULE, BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, SET, STOP, TAKEN, UNKNOWN, Change, answer,
-    take_oldest, writer_of,
+    take_oldest,
 )
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.clock.histogram cimport add
@@ -182,7 +182,7 @@ cdef class LiveTable:
     cdef void play(self, SharedLayout *layout, int64_t tick) noexcept nogil:
         """Carry out the changes of the script for this tick."""
         cdef Letter letter
-        letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
+        letter.kind, letter.origin, letter.writer, letter.count = SET, BY_REPLAY, 0, 1
         while self.played < self.scripted and self.script[self.played].tick <= tick:
             letter.parameters[0], letter.values[0] = self.script[self.played].parameter, self.script[self.played].value
             self.parameters[letter.parameters[0]].slew = self.script[self.played].slew
@@ -246,7 +246,7 @@ cdef class LiveTable:
             return False
         for index in range(count):
             change.tick, change.kind = tick, letter.kind
-            change.origin, change.writer = letter.origin, <int32_t>writer_of(letter.state)
+            change.origin, change.writer = letter.origin, letter.writer
             change.parameter, change.value, change.before, change.slew = -1, 0.0, 0.0, 0.0
             if letter.kind == MARK:
                 self.marks += 1

@@ -4,7 +4,7 @@
 import os
 import time
 
-from libc.stdint cimport int64_t, uint64_t
+from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.atomics cimport count_up, load_u64, store_u64, swap
 from cext.ring.mailbox cimport (
@@ -28,7 +28,8 @@ cdef class Writer:
     origin : "set", "keys" or "panel"
 
     `set` and `mark` return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the writer
-    until `answer` has returned its answer, or `withdraw` has taken it back.
+    until `answer` has returned its answer, or `withdraw` has taken it back. `page` is the number of the page of a panel
+    that has asked, for the recording.
     """
 
     cdef SharedState shared
@@ -39,9 +40,9 @@ cdef class Writer:
     def __init__(self, SharedState shared, str origin="set"):
         self.shared, self.mailbox, self.origin = shared, &shared.layout.mailbox, ORIGINS[origin]
 
-    def stop(self) -> bool:
+    def stop(self, int32_t page=0) -> bool:
         """Stop the run. Waits for nothing, and cannot be withdrawn. Returns False if a stop was requested before."""
-        return ask_to_stop(&self.shared.layout.operator, self.origin, os.getpid())
+        return ask_to_stop(&self.shared.layout.operator, self.origin, page or os.getpid())
 
     def confirm(self, uint64_t question, pressed=None) -> None:
         """Confirm that a robot may be armed, or again after a fault.
@@ -54,26 +55,27 @@ cdef class Writer:
         consent_to(&self.shared.layout.operator, question, self.origin, os.getpid(),
             <int64_t>(time.monotonic_ns() if pressed is None else pressed))
 
-    def set(self, changes) -> int | None:
+    def set(self, changes, int32_t page=0) -> int | None:
         """Set parameters.
 
         changes : at most CHANGE_LIMIT pairs (index of the parameter, value), which take effect in one tick, all or none
         """
         if len(changes) > CHANGES:
             raise ValueError("a request has at most %d changes, not %d" % (CHANGES, len(changes)))
-        return self.post(SET, changes)
+        return self.post(SET, changes, page)
 
-    def mark(self) -> int | None:
+    def mark(self, int32_t page=0) -> int | None:
         """Set a mark in the recording."""
-        return self.post(MARK, ())
+        return self.post(MARK, (), page)
 
-    cdef object post(self, int kind, changes):
+    cdef object post(self, int kind, changes, int32_t page):
         cdef int index = self.claim(os.getpid())
         cdef Letter *letter
         if index < 0:
             return None
         letter = &self.mailbox.letters[index]
         letter.kind, letter.origin, letter.count = kind, self.origin, len(changes)
+        letter.writer = page or os.getpid()
         for position, (parameter, value) in enumerate(changes):
             letter.parameters[position], letter.values[position] = parameter, value
         letter.number = count_up(&self.mailbox.numbers)

@@ -68,9 +68,9 @@ class Mailbox:
         self.notes: list[dict[str, Any]] = []  # on marks, which the recorder has not been sent yet
         self.asking: set[asyncio.Future[dict[str, Any]]] = set()
 
-    def stop(self) -> None:
-        """Request the end of the run. Waits for nothing."""
-        self.writer.stop()
+    def stop(self, page: int) -> None:
+        """Request the end of the run. Waits for nothing. page : number of the page that asks"""
+        self.writer.stop(page)
 
     def problem(self, order: Set) -> str:
         """Return why an order cannot be carried out, "" if the loop is to decide."""
@@ -83,22 +83,22 @@ class Mailbox:
             return "a page never arms a drive: use `set`"
         return ""
 
-    async def carry_out(self, order: Set | Mark) -> dict[str, Any]:
-        """Pass an order on to the loop, and wait for its answer. Returns the answer for the page."""
+    async def carry_out(self, order: Set | Mark, page: int) -> dict[str, Any]:
+        """Pass an order of a page on to the loop, and wait for its answer. Returns the answer for the page."""
         problem = self.problem(order) if isinstance(order, Set) else ""
         if problem:
             return answered(order, problem)
-        asking = asyncio.ensure_future(self.ask(order))
+        asking = asyncio.ensure_future(self.ask(order, page))
         self.asking.add(asking)
         asking.add_done_callback(self.asking.discard)
         return await asyncio.shield(asking)  # the letter is read and freed although its page is gone
 
-    async def ask(self, order: Set | Mark) -> dict[str, Any]:
+    async def ask(self, order: Set | Mark, page: int) -> dict[str, Any]:
         """Post a letter, and wait until the loop has answered it."""
         until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / self.view.plan["rate"]
         ticket = None
         while ticket is None:
-            ticket = self.writer.set(order.changes) if isinstance(order, Set) else self.writer.mark()
+            ticket = self.writer.set(order.changes, page) if isinstance(order, Set) else self.writer.mark(page)
             if ticket is None:
                 if time.monotonic() > until:
                     return answered(order, "the mailbox of the run is full")
@@ -111,7 +111,7 @@ class Mailbox:
         verdict, tick, number = answer
         if verdict == "taken":
             if isinstance(order, Mark) and order.note.strip():
-                self.notes.append({"number": number, "tick": tick, "text": printable(order.note), "by": ORIGIN})
+                self.notes.append({"number": number, "tick": tick, "text": printable(order.note), "by": f"page {page}"})
                 self.noted()
             return {**answered(order, ""), "tick": tick, "number": number}
         broken = self.view.table.broken(self.shared, dict(order.changes)) if isinstance(order, Set) else []

@@ -237,7 +237,7 @@ class Server:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             order = None
         if isinstance(order, Stop):  # from each page, whatever its role and rate
-            self.mailbox.stop()
+            self.mailbox.stop(page.number)
             return True
         if not page.in_budget():
             return self.refuse("rate")
@@ -265,7 +265,7 @@ class Server:
     async def carry_out(self, page: Page) -> None:
         """Pass the orders of a page to the run, one after the other, and the answers to the page."""
         while True:
-            self.reply(page, await self.mailbox.carry_out(await page.orders.get()))
+            self.reply(page, await self.mailbox.carry_out(await page.orders.get(), page.number))
 
     def reply(self, page: Page, message: dict[str, Any]) -> None:
         """Send a message to one page."""

@@ -4,13 +4,14 @@
     {"event": "mark", "number": 1, "tick": 1004, "by": "keys"}
     {"event": "stop", "tick": 1200, "by": "keys"}
 
-    {"event": "note", "number": 1, "tick": 1004, "by": "panel", "text": "new shoes"}
+    {"event": "note", "number": 1, "tick": 1004, "by": "page 2", "text": "new shoes"}
 
 "confirm" and "rearm", which armed the robot, have the form of "stop".
 
-`tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "panel", "replay", "set" and
-the ID of the process, or "step" of runtime.simulate. A change that was a ramp has its `slew` in units per second: each
-tick changed the value by slew · dt at most, where dt is the time since the previous tick.
+`tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "page" and the number of
+a page of the panel, "replay", "set" and the ID of the process, or "step" of runtime.simulate. A change that was a ramp
+has its `slew` in units per second: each tick changed the value by slew · dt at most, where dt is the time since the
+previous tick.
 """
 
 import math
@@ -21,13 +22,14 @@ from runtime.record.storage.format import CHANGE
 
 SET, MARK, STOP, CONFIRM, REARM = range(5)
 ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
-ORIGINS = {1: "keys", 2: "replay", 3: "panel"}
+ORIGINS = {0: "set {}", 1: "keys", 2: "replay", 3: "page {}"}
 
 
 def stopped_by(origin: str) -> str:
     """Return what has stopped a run as text. origin : as in cext.schedule.outcome.Outcome.stopped"""
-    by = {"keys": "the space bar", "panel": "a page of the panel"}
-    return f"stopped by {by.get(origin) or 'process ' + origin.removeprefix('set ')}"
+    if origin.startswith("page "):
+        return f"stopped by {origin} of the panel"
+    return f"stopped by {'the space bar' if origin == 'keys' else 'process ' + origin.removeprefix('set ')}"
 
 
 class Changes:
@@ -39,7 +41,7 @@ class Changes:
     def events(self, payload: bytes) -> Iterator[dict[str, Any]]:
         """Yield the events of one record of the ring. payload : bytes"""
         for tick, kind, origin, writer, index, value, before, slew in CHANGE.iter_unpack(payload):
-            when = {"tick": tick, "by": ORIGINS.get(origin) or f"set {writer}"}
+            when = {"tick": tick, "by": ORIGINS.get(origin, ORIGINS[0]).format(writer)}
             if kind == SET:
                 parameter = self.parameters[index]
                 event = {

@@ -169,7 +169,7 @@ function takeEvent(event) {
 }
 
 function eventText(event) {
-  const by = { keys: "keys of the terminal", panel: "a page", replay: "the replay" }[event.by] || event.by;
+  const by = { keys: "keys of the terminal", replay: "the replay" }[event.by] || event.by;
   if (event.event === "set") return `${parameters.nameOf(event.path)}: ${parameters.valueOf(event.path, event.from)} to ` +
     `${parameters.valueOf(event.path, event.value)} (${by})`;
   if (event.event === "mark") return `Mark ${event.number} (${by})`;
@@ -213,7 +213,7 @@ function showState() {
     if (state === "running") detail = gaitWord();
     if (state === "safe" && !end) [word, detail, state] = ["Stopping", "the drives confirm the stop", "stopping"];
     else if ((state === "stopping" || state === "safe") && status.stopped_by)
-      detail = { keys: "by the space bar of the terminal", panel: "by a page" }[status.stopped_by] || `by process ${status.stopped_by.slice(4)}`;
+      detail = status.stopped_by === "keys" ? "by the space bar of the terminal" : `by ${status.stopped_by.replace("set", "process")}`;
   }
   if (end?.unconfirmed?.length) [word, detail] = ["Not confirmed", "cut the power of the motors"];
   if (!$("fault").hidden && state === "safe") state = "fault";

@@ -75,6 +75,7 @@ class Run:
         terminal.wait_for("lists the keys")
         self.terminal, self.pid = terminal, terminal.process.pid
         self.shared = shared_state_of(self.pid)
+        patient(lambda: self.shared.state == "running")  # the line is there before
 
     def assert_stops(self):
         """The loop ends in time, and the process once its recorder goes on."""

@@ -49,7 +49,7 @@ def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
             tab.evaluate("document.getElementById('tab-plots').click()")
         tab.press(" ", "Space")
     code, said = run.end()
-    assert code == 0 and "stopped by a page of the panel" in said
+    assert code == 0 and "stopped by page 1 of the panel" in said
     assert_safely_stopped(run.files, (1, 2))
     tab.wait_for("document.getElementById('word').innerText === 'Ended'")
     assert tab.evaluate("document.getElementById('stop').disabled && document.body.classList.contains('stale')")

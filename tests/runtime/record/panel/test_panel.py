@@ -30,7 +30,7 @@ def test_values_of_a_page_are_those_of_the_recording(tmp_path):
         page.send(do="stop")
         assert page.until_closed() == 1001
         code, said = run.end()
-    assert code == 0 and "stopped by a page of the panel" in said
+    assert code == 0 and "stopped by page 1 of the panel" in said
     trial = runtime.load(run.files.one(".mcap"))
     rows = {int(tick): place for place, tick in enumerate(trial.tick)}
     seen = [frame for frame in page.frames if frame[0] in rows]
@@ -47,11 +47,12 @@ def test_every_page_stops_the_run_and_it_ends_with_its_safe_stop(tmp_path, first
     with running(tmp_path) as run:
         pages = [run.page(), run.page()]
         pages[0].until(lambda: pages[0].frames and pages[0].frames[-1][0] > 10)
-        pages[0 if first else 1].send(do="stop")
+        stops = pages[0 if first else 1]
+        stops.send(do="stop")
         code, _ = run.end()
     assert code == 0
     assert_safely_stopped(run.files, (1, 2))
-    assert [event for event in run.files.sidecar["events"] if event["event"] == "stop"][0]["by"] == "panel"
+    assert [event for event in run.files.sidecar["events"] if event["event"] == "stop"][0]["by"] == stops.hello["page"]
 
 
 def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path):
@@ -67,7 +68,7 @@ def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path
         page.until_closed()
         run.end()
     events = [{key: event[key] for key in ("event", "by")} for event in run.files.sidecar["events"] if "by" in event]
-    assert events == [{"event": name, "by": "panel"} for name in ("set", "mark", "stop")]
+    assert events == [{"event": name, "by": page.hello["page"]} for name in ("set", "mark", "stop")]
     assert [event["event"] for event in page.events][:2] == ["set", "mark"]
 
 
@@ -289,7 +290,7 @@ def test_another_address_needs_a_token_and_a_viewer_only_stops(tmp_path):
         assert operator.ask("set", changes=[[operator.index(GAIN), 0.5]])["taken"]
         viewer.send(do="stop")
         code, said = run.end()
-    assert code == 0 and "stopped by a page of the panel" in said
+    assert code == 0 and f"stopped by {viewer.hello['page']} of the panel" in said
     tokens = [address.partition("#")[2] for address in run.addresses.values()]
     recorded = b"".join(path.read_bytes() for path in run.files.folder.iterdir())
     assert all(token.encode() not in recorded for token in tokens)

@@ -56,7 +56,7 @@ def test_page_does_not_arm_and_shows_the_trial_that_the_operator_arms(bus, termi
     [end] = [event for event in page.events if event["event"] == "end"]
     assert end["status"] == "ok" and end["unconfirmed"] == [] and page.status["complete"]
     told = [
-        event["event"] for event in Files(bus.folder / "recordings").sidecar["events"] if event.get("by") == "panel"
+        event["event"] for event in Files(bus.folder / "recordings").sidecar["events"] if event.get("by") == "page 1"
     ]
     assert told == ["stop"]
 
@@ -78,7 +78,7 @@ def test_page_stops_a_run_that_waits_for_the_confirmation(bus, terminal):
     await_state(page, "ready")
     page.send(do="stop")
     assert terminal.end() == 0
-    assert "stopped by a page of the panel" in terminal.look()
+    assert "stopped by page 1 of the panel" in terminal.look()
     bus.listen(0.2)
     sent = {frame.data for motor in bus.motors for frame in bus.commands(motor, asking=True)}
     assert DISABLE in sent and ENABLE not in sent
