@@ -30,7 +30,7 @@ let socket = null, hello = null, status = null, values = null, tick = -1;
 let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, cells = [];
 
 const plots = new Plots($("charts"), $("list"), $("filter"));
-const parameters = new Parameters($("parameters"), $("both"), send);
+const parameters = new Parameters($("parameters"), $("both"), send, $("tools"));
 
 // Link
 
@@ -106,7 +106,7 @@ function takeHello(message) {
   $("kind").textContent = hello.simulated ? "simulation" : "robot";
   values = new Float64Array(hello.signals.length).fill(NaN);
   buildOperate();
-  parameters.build(hello.parameters);
+  parameters.build(hello.parameters, hello.name);
   $("adjust").hidden = !$("parameters").children.length;
   plots.build(hello);
 }

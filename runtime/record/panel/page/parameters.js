@@ -4,15 +4,26 @@ import { element, withUnit } from "./text.js";
 const SEND_PERIOD = 100;  // ms between two values of a slider that moves
 const NOTE_DURATION = 6000;  // ms
 const CHANGE_LIMIT = 16;  // changes of one request
+const DRAG_PAUSE = 1000;  // ms between changes of one slider that are undone together, at most
 
 export class Parameters {
-  constructor(place, both, send) {
+  constructor(place, both, send, tools) {
     this.place = place; this.both = both; this.send = send;
-    this.rows = []; this.asked = new Map(); this.id = 0;
+    this.rows = []; this.asked = new Map(); this.id = 0; this.past = []; this.targets = [];
+    const [undo, save, load] = tools.querySelectorAll("button"), file = tools.querySelector("input");
+    this.undoes = undo; this.loads = load; this.said = tools.querySelector("span");
+    undo.onclick = () => this.undo();
+    save.onclick = () => this.save();
+    load.onclick = () => file.click();
+    file.onchange = async () => {
+      if (file.files.length) this.said.textContent = this.load(await file.files[0].text());
+      file.value = "";
+    };
   }
 
-  build(parameters) {
-    this.list = parameters;
+  // name: of the run, for the file with the values
+  build(parameters, name) {
+    this.list = parameters; this.name = name; this.past = []; this.said.textContent = "";
     this.byPath = new Map(parameters.map((each, index) => [each.path, index]));
     this.rows = parameters.map((each, index) => this.row(each, index));
     this.place.replaceChildren(...this.rows.filter((row) => !this.list[row.index].withheld).map((row) => row.element));
@@ -89,11 +100,56 @@ export class Parameters {
 
   change(row, value) {
     const indices = this.both.checked ? this.twins(row.index) : [row.index];
-    const id = ++this.id;
-    this.asked.set(id, indices);
-    for (const index of indices) { this.rows[index].wanted = value; this.rows[index].pending = id; }
-    if (!this.send({ do: "set", id, changes: indices.map((index) => [index, value]).slice(0, CHANGE_LIMIT) }))
-      this.answered({ id, taken: false, text: "no link: not sent" });
+    this.remember(indices);
+    this.request(indices.map((index) => [index, value]));
+  }
+
+  request(changes) {
+    for (let first = 0; first < changes.length; first += CHANGE_LIMIT) {
+      const part = changes.slice(first, first + CHANGE_LIMIT), id = ++this.id;
+      this.asked.set(id, part.map(([index]) => index));
+      for (const [index, value] of part) { this.rows[index].wanted = value; this.rows[index].pending = id; }
+      if (!this.send({ do: "set", id, changes: part })) this.answered({ id, taken: false, text: "no link: not sent" });
+    }
+  }
+
+  remember(indices) {
+    const time = performance.now(), key = String(indices), last = this.past.at(-1);
+    if (last?.key === key && time - last.time < DRAG_PAUSE) last.time = time;
+    else this.past.push({ key, time, before: indices.map((index) => [index, this.targets[index]]) });
+  }
+
+  undo() {
+    const last = this.past.pop();
+    if (last) this.request(last.before);
+  }
+
+  // The values as a file that `--set @FILE` reads.
+  save() {
+    const text = (each, value) => (each.dtype === "bool" ? String(value > 0) : String(value));
+    const lines = this.list.map((each, index) => (each.withheld ? "" : `${each.path}=${text(each, this.targets[index])}\n`));
+    const file = new Blob([lines.join("")], { type: "text/plain" });
+    const link = element("a", { href: URL.createObjectURL(file), download: `${this.name}.set` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), NOTE_DURATION);
+  }
+
+  // Ask for the values of such a file, all that differ. Returns what was done as text.
+  load(text) {
+    const changes = [], unknown = [];
+    for (const line of text.replace(/^\uFEFF/, "").split("\n").map((each) => each.trim())) {
+      if (!line || line === "#" || line.startsWith("# ")) continue;
+      const [path, word = ""] = line.split("=").map((each) => each.trim()), index = this.byPath.get(path);
+      const value = { true: 1, false: 0 }[word] ?? (word ? Number(word) : NaN);
+      if (index === undefined || !Number.isFinite(value)) unknown.push(line);
+      else if (value === this.targets[index]) continue;
+      else if (this.list[index].withheld) unknown.push(line);
+      else changes.push([index, value]);
+    }
+    if (unknown.length) return `Nothing was loaded. This run cannot take: ${unknown.join(", ")}`;
+    if (changes.length) this.remember(changes.map(([index]) => index));
+    this.request(changes);
+    return changes.length ? `Asked for ${changes.length} of its values` : "These are the present values";
   }
 
   answered(answer) {
@@ -109,6 +165,9 @@ export class Parameters {
 
   // live: [value in the newest tick, target] of each parameter
   show(live, enabled) {
+    this.targets = live.map(([, target]) => target);
+    this.undoes.disabled = !enabled || !this.past.length;
+    this.loads.disabled = !enabled;
     for (const row of this.rows) {
       const each = this.list[row.index], [value, target] = live[row.index], choice = each.dtype === "bool";
       for (const input of [row.slider, row.field, row.reset]) input.disabled = !enabled;

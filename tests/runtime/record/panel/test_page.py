@@ -6,12 +6,14 @@ import time
 
 import pytest
 
+from runtime.host.options import settings
 from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
 from tests.runtime.record.panel.panels import running
-from tests.runtime.runs import assert_safely_stopped, descendant
+from tests.runtime.runs import assert_safely_stopped, descendant, write
 
 pytestmark = [needs_browser, pytest.mark.paced]
+ROW = "document.querySelector('[data-path=\"left/law.gain\"]')"
 RUNNING = "document.getElementById('word').innerText === 'Running'"
 
 
@@ -65,13 +67,9 @@ def test_space_in_the_search_of_signals_is_a_letter(opened):
 
 def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
     run, tab = opened
-    row = "document.querySelector('[data-path=\"left/law.gain\"]')"
-    tab.wait_for(f"!{row}.querySelector('input').disabled")
-    tab.evaluate(
-        f"(() => {{ const slider = {row}.querySelector('input[type=range]'); slider.value = 2.5; "
-        "for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, {bubbles: true})); })()"
-    )
-    tab.wait_for(f"{row}.querySelector('.applied').innerText === 'applied: 2.5 N·m'")
+    tab.wait_for(f"!{ROW}.querySelector('input').disabled")
+    move_slider(tab, 2.5)
+    tab.wait_for(f"{ROW}.querySelector('.applied').innerText === 'applied: 2.5 N·m'")
     tab.evaluate("document.getElementById('note').focus()")
     for key, code in (("a", "KeyA"), (" ", "Space"), ("b", "KeyB")):
         tab.press(key, code)
@@ -91,11 +89,13 @@ def test_the_value_at_which_a_slider_is_let_go_is_asked_for_although_a_status_co
     asked = tab.evaluate("""(async () => {
         const { Parameters } = await import("/parameters.js");
         const parent = document.createElement("p"), both = document.createElement("input"), orders = [];
+        const tools = document.getElementById("tools").cloneNode(true);
         parent.append(both);
         const each = { path: "law.gain", port: "gain", block: "law", unit: "N·m", shown: "N·m", factor: 1, low: 0,
                        high: 3, built: 1, dtype: "float", description: "" };
-        const made = new Parameters(document.createElement("div"), both, (order) => orders.push(order.changes[0][1]));
-        made.build([each]);
+        const send = (order) => orders.push(order.changes[0][1]);
+        const made = new Parameters(document.createElement("div"), both, send, tools);
+        made.build([each], "it");
         const slider = made.rows[0].slider;
         for (const value of [2, 2.5]) {  // the second may be sent 0.1 s after the first
             slider.value = value;
@@ -109,6 +109,51 @@ def test_the_value_at_which_a_slider_is_let_go_is_asked_for_although_a_status_co
         return orders;
     })()""")
     assert asked == [2, 2.5]
+
+
+def move_slider(tab, value):
+    tab.evaluate(
+        f"(() => {{ const slider = {ROW}.querySelector('input[type=range]'); slider.value = {value}; "
+        "for (const name of ['input', 'change']) slider.dispatchEvent(new Event(name, {bubbles: true})); })()"
+    )
+
+
+def test_settings_are_undone_saved_and_loaded(opened, tmp_path):
+    run, tab = opened
+
+    def applied(value):
+        tab.wait_for(f"{ROW}.querySelector('.applied').innerText === 'applied: {value} N·m'")
+
+    def load(text):
+        tab.upload("#tools input", write(tmp_path, text, "values.set"))
+
+    tab.wait_for(f"!{ROW}.querySelector('input').disabled && document.getElementById('undo').disabled")
+    move_slider(tab, 2.5)
+    applied("2.5")
+    tab.evaluate(
+        "(() => { const made = URL.createObjectURL; URL.createObjectURL = (file) => { "
+        "file.text().then((text) => { window.saved = text; }); return made.call(URL, file); }; })()"
+    )
+    tab.click("#save")
+    saved = tab.wait_for("window.saved")
+    both = [("left/law.gain", "2.5"), ("right/law.gain", "2.5")]
+    assert settings([f"@{write(tmp_path, saved, 'saved.set')}"]) == both
+    tab.click("#undo")
+    applied("1.0")
+    load("# of another day\nleft/knee.disabled=false\n" + saved)
+    applied("2.5")
+    assert tab.text("#tools span") == "Asked for 2 of its values"
+    load("left/law.gain=0.5\nleft/law.gian=1\nright/law.gain=much\nleft/knee.disabled=true\n")
+    tab.wait_for("document.querySelector('#tools span').innerText.startsWith('Nothing')")
+    assert "This run cannot take: left/law.gian=1, right/law.gain=much, left/knee.disabled=true" in tab.text(
+        "#tools span"
+    )
+    load("left/law.gain=99\n")
+    tab.wait_for(f"{ROW}.querySelector('.applied').innerText.startsWith('not changed')")
+    tab.click("#stop")
+    assert run.end()[0] == 0
+    changes = [event["value"] for event in run.files.sidecar["events"] if event["event"] == "set"]
+    assert changes == [2.5, 2.5, 1.0, 1.0, 2.5, 2.5]
 
 
 @pytest.mark.hazard("H9g")
