@@ -1,6 +1,7 @@
 """The panel of a run in a process of its own, without a browser: what it shows, stops, changes and survives."""
 
 import os
+import random
 import shutil
 import signal
 import socket
@@ -396,3 +397,38 @@ def test_names_and_units_are_those_of_people():
         *(("IMU", f"accel {axis}", "m/s²") for axis in "xyz"),
     ]
     assert describe(entries)[0]["factor"] == pytest.approx(57.29578)
+
+
+@pytest.mark.soak
+@pytest.mark.hazard("H1k")
+def test_ten_thousand_changes_of_three_pages_are_applied_in_their_order_and_inside_their_bounds(tmp_path):
+    values, rounds, each = random.Random(1), 100, 56
+    asked = []
+    with running(tmp_path) as run:
+        pages = [run.page() for _ in range(3)]
+        both = [pages[0].index(f"{side}/law.gain") for side in ("left", "right")]
+        for number in range(rounds):
+            page = pages[number % 3]
+            page.send(do="operate", take=True)
+            page.until(
+                lambda: {"name": page.hello["page"], "role": "operate", "operates": True} in page.status["pages"]
+            )
+            first = each * number
+            for place in range(first, first + each):
+                value = values.uniform(0.0, 3.0) if place % 10 else values.choice([-0.001, 3.001, 1e300])
+                page.send(do="set", id=place, changes=[[index, value] for index in both])
+                asked.append((page.hello["page"], value))
+            page.until(lambda: page.answers.keys() >= set(range(first, first + each)))
+        answers = [pages[place // each % 3].answers[place] for place in range(len(asked))]
+        pages[0].send(do="stop")
+        assert run.end()[0] == 0
+    taken = [one for one, answer in zip(asked, answers) if answer["taken"]]
+    assert 2 * len(taken) > 10_000 and all(0.0 <= value <= 3.0 for _, value in taken)
+    assert all("out of bounds" in answer["text"] for answer in answers if not answer["taken"])
+    assert len(asked) - len(taken) == len(asked) // 10
+    for side in ("left", "right"):
+        events = [each for each in run.files.sidecar["events"] if each.get("path") == f"{side}/law.gain"]
+        assert [(event["by"], event["value"]) for event in events] == taken
+        assert all(0.0 <= event["value"] <= 3.0 for event in events)
+    trial = runtime.load(run.files.one(".mcap"))
+    assert float(abs(trial["left/law.torque"]).max()) <= 3.0
