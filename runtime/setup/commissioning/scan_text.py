@@ -23,7 +23,8 @@ def text(report: Report, verbose: bool = False) -> list[str]:
     lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
     for node in report.nodes:
         sends = (
-            ", ".join(f"{what} {rate:.0f} Hz" for what, rate in node.sends.items()) or "sends no measurements unasked"
+            ", ".join(f"{what} {rate:.0f} Hz" for what, rate in sorted(node.sends.items()))
+            or "sends no measurements unasked"
         )
         name = (
             f"  manufacturer {node.manufacturer}, function {node.function}, NAME {node.unique}"
