@@ -61,11 +61,11 @@ cdef struct Letter:
     int32_t origin
     int32_t count               # number of changes
     int32_t answer
-    int32_t writer              # as in Change
     int32_t[CHANGES] parameters
     double[CHANGES] values
     int64_t tick                # at the start of which it took effect
     int64_t mark                # number of the mark
+    int32_t writer              # as in Change
 
 cdef struct Mailbox:
     uint64_t posted             # incremented when a letter becomes POSTED
