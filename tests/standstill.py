@@ -1,6 +1,6 @@
 """Processes that notice when this machine stands still: one for each processor, above the priorities of all others.
 
-It wakes every PERIOD and notes where it is late. Nothing on the machine itself delays it.
+Each wakes every PERIOD and notes where it is late. Nothing on the machine itself delays it.
 
 Without permission for real-time priority nothing is noticed.
 """

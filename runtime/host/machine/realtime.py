@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 MODES = ("off", "try", "require")
 PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
 PRIORITY_LIMIT = 98
-WAY = 2  # by which a loop is below those that have taken every processor: its guardian is one above it
+WAY = 2  # by which a loop is below those that have taken every processor; its guardian is not
 SPIN = 0.5  # s
 SLICE = 100_000  # ns, the minimum of Linux, which exceeds the computing time of a tick
 STACK = 512 << 10  # bytes of stack touched in advance
@@ -247,7 +247,7 @@ class Realtime:
         return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
 
     def _give_way(self) -> str:
-        """Take a lower priority, so that the loops that came first and have taken every processor are not delayed."""
+        """Take a lower priority, so that its loop runs after those that have taken every processor."""
         words = f"SCHED_FIFO {self.priority}"
         if words not in self.granted:
             return ""
