@@ -63,8 +63,8 @@ class Outcome:
     unconfirmed : paths of the devices that did not confirm the safe stop
     late : (path, s) of the devices that confirmed it only after STOP_LIMIT, and when
     unanswered : paths of the devices that did not reply while arming
-    stopped : origin of the request that ended the run: "keys", "page" and the number of a page of the panel, or "set" and
-        the ID of its process; "" without one
+    stopped : origin of the request that ended the run: "keys", "page" and the number of a page of the panel, or "set"
+        and the ID of its process; "" without one
     hung : s that the tick of a hung block ran until it returned; else 0
     faults : Outcome of each fault that the run has survived by arming again
     """
