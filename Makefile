@@ -114,7 +114,8 @@ build/reference/installed:
 # With SKIPPED_FILES=error a file whose tests are all skipped is an error: tests/conftest.py.
 soak: $(VENV)/installed-test
 	SKIPPED_FILES=error $(VENV)/bin/python -m pytest -m soak $(TESTS)
-	EXAMPLES=soak exec $(VENV)/bin/python -m pytest tests/blocks
+	EXAMPLES=soak exec $(VENV)/bin/python -m pytest -m "not soak and not paced and not timing" \
+		$$(grep -rl --include='test_*.py' 'import.*given' tests)
 
 # Builds in build/sanitizing, beside the ordinary one. Takes half an hour the first time.
 sanitize: $(VENV)/installed-test

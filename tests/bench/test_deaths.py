@@ -3,10 +3,12 @@
 import json
 
 import psutil
+import pytest
 
 from runtime.host.errors import OK
 
 
+@pytest.mark.soak
 def test_bench_deaths_measures_each_death_and_leaves_no_process(bench):
     before = set(psutil.Process().children())
     code, out, err = bench("deaths", "--kills", "1", "--json")

@@ -9,7 +9,7 @@ import subprocess
 import time
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
@@ -200,7 +200,6 @@ def test_the_documented_sketch_toggles_its_pin_only_for_new_numbers(tmp_path):
 
 
 @given(chunks=st.lists(st.binary(max_size=64), max_size=8), number=st.integers(0, 255))
-@settings(max_examples=100, deadline=None)
 def test_the_emulated_microcontroller_accepts_the_next_message_after_garbage(chunks, number):
     relay = Wired.again(MESSAGES)
     for chunk in chunks:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
@@ -72,7 +72,6 @@ def test_parameters_of_an_impedance_are_refused(parameters, said):
     ends=st.lists(st.floats(-10.0, 10.0), min_size=6, max_size=6),
     shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5),
 )
-@settings(max_examples=200, deadline=None)
 def test_an_impedance_stays_in_its_range_for_all_live_gains(ends, shares):
     spring = Impedance()
     spans = {n: Interval(*sorted(ends[i : i + 2])) for n, i in (("position", 0), ("velocity", 2), ("equilibrium", 4))}
@@ -109,7 +108,6 @@ def test_a_profile_is_scipys_monotone_cubic_repeated():
 
 
 @given(points=curves())
-@settings(max_examples=100, deadline=None)
 def test_any_profile_is_scipys_monotone_cubic_repeated(points):
     """Within 1e-9 of its largest torque."""
     phases = np.linspace(0.0, 1.0, 101)
@@ -118,7 +116,6 @@ def test_any_profile_is_scipys_monotone_cubic_repeated(points):
 
 
 @given(points=curves())
-@settings(max_examples=100, deadline=None)
 def test_a_profile_passes_through_its_points_and_never_leaves_their_range(points):
     block = TorqueProfile(points)
     torques = [torque for _, torque in points]
@@ -131,7 +128,6 @@ def test_a_profile_passes_through_its_points_and_never_leaves_their_range(points
 
 
 @given(points=curves())
-@settings(max_examples=50, deadline=None)
 def test_a_profile_is_smooth_everywhere_also_across_the_end_of_the_stride(points):
     """Value and slope from both sides of each knot and of the wrap agree, within what a step of 1e-6 can tell of a
     curve of this size.

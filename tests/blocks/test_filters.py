@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -43,7 +43,6 @@ def test_every_order_filters_as_scipy_does(order, cutoff):
 
 
 @given(order=st.integers(1, 8), share=st.floats(0.01, 0.98), rate=st.sampled_from([50.0, 200.0, 333.0, 1000.0]))
-@settings(max_examples=40, deadline=None)
 def test_any_cutoff_at_any_rate_filters_as_scipy_does(order, share, rate):
     cutoff, u = share * rate / 2.0, noise(200)
     with Diagram("any", rate=rate):

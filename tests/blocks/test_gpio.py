@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
@@ -65,7 +65,6 @@ def test_level_edges_and_their_times(wired):
 
 
 @given(data=st.binary(max_size=64))
-@settings(max_examples=200, deadline=None)
 def test_invalid_record_is_refused(data, wired):
     line = wired(GpioInput)
     answer = line.hear(BYTES, data)
@@ -158,7 +157,6 @@ def test_unknown_level_counts_as_pressed(wired):
 
 
 @given(data=st.binary(max_size=64), kind=st.integers(0, 9))
-@settings(max_examples=200, deadline=None)
 def test_unrecognised_record_counts_as_press(data, kind, wired):
     line = wired(EStopSwitch)
     answer = line.hear(kind, data)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -149,7 +149,6 @@ def test_range_of_integral_is_its_limits_and_follows_input_sign():
     u=st.lists(st.floats(-1e9, 1e9), max_size=30),
     steps=st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), min_size=30, max_size=30),
 )
-@settings(max_examples=100, deadline=None)
 def test_an_integral_with_live_limits_stays_in_its_range(u, steps):
     block = made(Integrator, lower=Live(-1.0, min=-3.0, max=3.0), upper=Live(1.0, min=-3.0, max=3.0), method="backward")
     found = block.output_range(Interval(-1e9, 1e9), Interval(0.0, 0.0))
@@ -182,7 +181,6 @@ def test_nan_passes_a_derivative_and_is_not_held():
     u=st.lists(st.sampled_from([-7.0, -6.999999, 0.3, 2.0, 1.999999]), min_size=1, max_size=60),
     time_constant=st.sampled_from([0.0, 1e-6, 0.004, 3.0]),
 )
-@settings(max_examples=200, deadline=None)
 def test_a_slope_stays_inside_its_range(u, time_constant):
     block = made(Derivative, time_constant, rate=RATE)
     found = block.output_range(u=Interval(-7.0, 2.0))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -83,7 +83,6 @@ def test_feed_forward_equals_its_formula_bit_for_bit():
     data=st.data(),
     parameters=st.tuples(st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(1e-3, 9.0)),
 )
-@settings(max_examples=100, deadline=None)
 def test_feed_forward_stays_inside_its_range_and_reaches_both_ends(data, parameters):
     spans = [sorted(data.draw(st.tuples(angles, angles))) for _ in range(2)]
     block = made(FeedForward, *parameters)
@@ -106,7 +105,6 @@ def test_gravity_compensation_holds_a_segment():
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
 def test_gravity_compensation_stays_inside_its_range(data):
     low, high = sorted(data.draw(st.tuples(angles, angles)))
     block = made(GravityCompensation, 3.5, 0.25)

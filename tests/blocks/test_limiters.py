@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
@@ -51,7 +51,6 @@ def test_the_torque_limiter_equals_the_oracle_bit_for_bit(limit, slew):
 
 @pytest.mark.hazard("H3c")
 @given(u=st.lists(anything, min_size=1, max_size=40), limit=sizes, slew=st.one_of(sizes, st.just(math.inf)))
-@settings(max_examples=200, deadline=None)
 def test_a_torque_limiter_bounds_torque_and_slew_and_maps_non_finite_input_to_nan(u, limit, slew):
     """The bound holds exactly; the change within one rounding of the sum that makes it."""
     block = made(TorqueLimiter, limit=limit, slew=slew)
@@ -133,7 +132,6 @@ def test_parameters_of_a_torque_limiter_are_refused(parameters, said):
 
 
 @given(u=st.lists(anything, min_size=1, max_size=10), ends=st.tuples(finite, finite))
-@settings(max_examples=200, deadline=None)
 def test_a_saturation_clips_and_returns_nan_for_non_finite_input(u, ends):
     lower, upper = min(ends), max(ends)
     block = made(Saturation, lower=lower, upper=upper)
@@ -149,7 +147,6 @@ def test_a_saturation_clips_every_element_alone():
 
 
 @given(bounds=st.lists(finite, min_size=4, max_size=4), share=st.floats(0.0, 1.0))
-@settings(max_examples=300, deadline=None)
 def test_saturation_range_contains_output_for_input_outside_limits(bounds, share):
     low, high = sorted(bounds[:2])
     lower, upper = sorted(bounds[2:])

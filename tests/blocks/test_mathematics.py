@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.mathematics import Gain, Product, Sum
@@ -16,7 +16,6 @@ finite = st.floats(-1e9, 1e9)
 
 
 @given(gain=finite, u=st.lists(anything, min_size=3, max_size=3))
-@settings(max_examples=200, deadline=None)
 def test_a_gain_multiplies_each_element(gain, u):
     with np.errstate(all="ignore"):
         assert np.array_equal(Gain(gain).step(np.array(u)), gain * np.array(u), equal_nan=True)
@@ -88,7 +87,6 @@ def test_a_sum_of_different_units_does_not_compile():
 
 
 @given(a=st.lists(anything, min_size=4, max_size=4), b=st.lists(anything, min_size=4, max_size=4))
-@settings(max_examples=200, deadline=None)
 def test_a_product_multiplies_each_element(a, b):
     with np.errstate(all="ignore"):
         assert np.array_equal(Product().step(np.array(a), np.array(b)), np.array(a) * np.array(b), equal_nan=True)
@@ -106,7 +104,6 @@ def test_the_unit_of_a_product_is_the_product_of_the_units():
     shares=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3),
     gain=finite,
 )
-@settings(max_examples=300, deadline=None)
 def test_outputs_stay_in_declared_range(ends, shares, gain):
     spans = [Interval(*sorted(ends[i : i + 2])) for i in (0, 2, 4)]
     u = [min(span.low + share * (span.high - span.low), span.high) for span, share in zip(spans, shares)]

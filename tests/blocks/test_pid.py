@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -184,7 +184,6 @@ def test_nan_passes_and_is_not_held(kind):
 
 
 @given(data=st.data(), anti_windup=st.sampled_from(["clamping", "back-calculation"]))
-@settings(max_examples=100, deadline=None)
 def test_no_input_drives_a_command_beyond_its_limits_or_stores_nan(data, anti_windup):
     wild = st.one_of(st.floats(-1e308, 1e308), st.sampled_from([math.inf, -math.inf, math.nan, 0.0, 1e-308]))
     lower, upper = sorted(data.draw(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))))
@@ -200,7 +199,6 @@ def test_no_input_drives_a_command_beyond_its_limits_or_stores_nan(data, anti_wi
 @given(
     data=st.data(), tf=st.sampled_from([0.0, 0.003, 0.4]), weights=st.tuples(st.floats(0.0, 2.0), st.floats(0.0, 2.0))
 )
-@settings(max_examples=100, deadline=None)
 def test_pd_and_p_stay_inside_their_ranges(data, tf, weights):
     spans = [sorted(data.draw(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)))) for _ in range(2)]
     blocks = [made(PD, -4.0, 0.7, tf, *weights), made(P, 7.3)]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from blocks.limiters import DeadZone, PowerLimiter, RMSTorqueLimiter, SoftStart, SoftStop, TemperatureDerating
@@ -35,7 +35,6 @@ def test_dead_zone_passes_only_excess():
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
 def test_the_range_of_a_dead_zone_is_exact(data):
     (low, high), (lower, upper) = spans(data, 2)
     block = made(DeadZone, lower, upper)
@@ -45,7 +44,6 @@ def test_the_range_of_a_dead_zone_is_exact(data):
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
 def test_dead_zone_with_moving_ends_stays_in_range(data):
     (low, high), lowers, uppers = spans(data, 3, st.floats(-9.0, 9.0))
     if lowers[0] > uppers[0]:
@@ -62,7 +60,6 @@ def test_dead_zone_with_moving_ends_stays_in_range(data):
 
 @given(torque=anything, velocity=anything, power=st.floats(0.0, 1e6))
 @example(torque=1.0, velocity=137472573440.0, power=2.3929025000862983e-298)
-@settings(max_examples=500, deadline=None)
 def test_power_is_bounded_to_one_rounding_and_nothing_else_is_touched(torque, velocity, power):
     y = made(PowerLimiter, power).step(torque, velocity)
     assert math.isnan(y) == (not (math.isfinite(torque) and math.isfinite(velocity)))
@@ -83,7 +80,6 @@ def test_the_power_of_each_joint_is_bounded_separately():
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
 def test_a_limited_power_stays_in_its_range(data):
     torque, velocity = spans(data, 2)
     power = data.draw(st.floats(0.0, 1e4))
@@ -142,7 +138,6 @@ def test_soft_stop_bounds_penetration_of_moving_limb():
 
 
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
 def test_a_soft_stop_stays_in_its_range(data):
     torque, position, velocity = spans(data, 3, st.floats(-20.0, 20.0))
     lower, upper = sorted(data.draw(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))))
@@ -244,7 +239,6 @@ def test_rounding_does_not_reduce_the_budget_of_a_long_rms_window():
     length=st.integers(1, 12),
     fade=st.floats(0.0, 1.0),
 )
-@settings(max_examples=300, deadline=None)
 def test_rms_never_exceeds_limit_for_any_command(u, limit, length, fade):
     block = made(RMSTorqueLimiter, limit, window=length * DT, fade=fade * length * DT)
     found = block.output_range(torque=Interval())
@@ -326,7 +320,6 @@ def test_torque_decreases_linearly_with_motor_temperature():
 
 
 @given(torque=anything, temperature=anything, ends=st.tuples(st.floats(-50.0, 200.0), st.floats(0.001, 100.0)))
-@settings(max_examples=300, deadline=None)
 def test_derated_torque_is_between_zero_and_command(torque, temperature, ends):
     block = made(TemperatureDerating, ends[0], ends[0] + ends[1])
     y = block.step(torque, temperature)
@@ -365,7 +358,6 @@ def test_a_soft_start_fades_in_over_its_duration_and_again_when_enabled_again():
     u=st.lists(anything, min_size=1, max_size=30),
     enable=st.lists(st.sampled_from([True, False, math.nan]), min_size=30, max_size=30),
 )
-@settings(max_examples=200, deadline=None)
 def test_soft_start_output_is_between_zero_and_input_and_passes_nan(u, enable):
     block = made(SoftStart, 0.05)
     for x, may in zip(u, enable):

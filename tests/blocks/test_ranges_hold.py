@@ -4,7 +4,7 @@ NaN too.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.controllers import PD, PI, PID, Admittance, FeedForward, GravityCompensation, P
@@ -58,21 +58,8 @@ MAKE = {
 }
 
 
-def kept(name, data):
+@pytest.mark.parametrize("name", MAKE)
+@given(data=st.data())
+def test_no_output_leaves_its_range(name, data):
     with np.errstate(all="ignore"):
         keeps_its_range(data, made(MAKE[name]), nan=True, ticks=12)
-
-
-@pytest.mark.parametrize("name", MAKE)
-@given(data=st.data())
-@settings(max_examples=40, deadline=None)
-def test_no_output_leaves_its_range(name, data):
-    kept(name, data)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", MAKE)
-@given(data=st.data())
-@settings(max_examples=1000, deadline=None)
-def test_outputs_stay_in_range_at_length(name, data):
-    kept(name, data)

@@ -5,7 +5,7 @@ import statistics
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -38,7 +38,6 @@ def test_a_step_reaches_63_percent_after_the_time_constant():
 
 
 @given(u=st.lists(numbers, min_size=1, max_size=30), time_constant=st.floats(1e-12, 1e6))
-@settings(max_examples=200, deadline=None)
 def test_an_exponential_never_leaves_the_interval_of_its_inputs(u, time_constant):
     """Exactly, also where rounding would carry it past."""
     block = made(Exponential, time_constant)
@@ -75,7 +74,6 @@ def test_a_median_removes_a_single_outlier_and_keeps_edges():
 @given(
     u=st.lists(st.one_of(numbers, st.just(math.nan)), min_size=1, max_size=40), samples=st.sampled_from([1, 3, 5, 9])
 )
-@settings(max_examples=200, deadline=None)
 def test_a_median_shows_nan_while_it_is_in_the_window_and_stays_in_the_range_of_its_inputs(u, samples):
     block = made(Median, samples)
     finite = [x for x in u if x == x] or [0.0]
@@ -125,7 +123,6 @@ def test_a_biased_gyroscope_offsets_the_angle_by_its_bias_times_the_time_constan
 
 
 @given(data=st.data(), time_constant=st.floats(1e-3, 1e3))
-@settings(max_examples=100, deadline=None)
 def test_a_complementary_filter_stays_inside_its_range(data, time_constant):
     block = made(Complementary, time_constant)
     spans = [sorted(data.draw(st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)))) for _ in range(2)]

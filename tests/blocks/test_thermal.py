@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import linalg
 
@@ -93,7 +93,6 @@ def test_a_peak_torque_heats_the_winding_long_before_the_case():
     start=st.one_of(st.none(), st.floats(-20.0, 120.0)),
     rate=st.sampled_from([0.01, 1.0, 200.0]),
 )
-@settings(max_examples=100, deadline=None)
 def test_a_thermal_model_stays_in_its_range_for_any_torque(data, loss, start, rate):
     torque, ambient = (
         sorted(data.draw(st.tuples(values, values))) for values in (st.floats(-12.0, 12.0), st.floats(-20.0, 45.0))

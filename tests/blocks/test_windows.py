@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.vectors import Concatenate
@@ -90,7 +90,6 @@ def test_extremes_of_a_window_are_exact_over_a_million_samples(million, length):
 
 
 @given(u=st.lists(MIXED, min_size=1, max_size=60), length=st.integers(1, 12))
-@settings(max_examples=150, deadline=None)
 def test_a_window_that_is_not_full_uses_the_samples_so_far(u, length):
     blocks = [made(kind, length / RATE, rate=RATE) for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum)]
     for k, x in enumerate(u):
@@ -108,7 +107,6 @@ def test_a_window_that_is_not_full_uses_the_samples_so_far(u, length):
     u=st.lists(st.one_of(MIXED, st.sampled_from([math.nan, math.inf, -math.inf])), min_size=1, max_size=60),
     length=st.integers(1, 9),
 )
-@settings(max_examples=150, deadline=None)
 def test_non_finite_sample_affects_output_only_while_in_window(u, length):
     blocks = [made(kind, length / RATE, rate=RATE) for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum)]
     for k, x in enumerate(u):
@@ -122,7 +120,6 @@ def test_non_finite_sample_affects_output_only_while_in_window(u, length):
 
 
 @given(data=st.data(), length=st.integers(1, 20))
-@settings(max_examples=150, deadline=None)
 def test_no_statistic_leaves_its_range(data, length):
     low, high = sorted(data.draw(st.tuples(MIXED, MIXED)))
     within = st.one_of(st.floats(low, high), st.sampled_from([low, high]))

@@ -49,6 +49,7 @@ def site():
     return folder / "1.0"
 
 
+@pytest.mark.soak
 def test_every_page_is_in_the_site_and_in_its_navigation(site):
     pages = [page.relative_to(DOCS).with_suffix("") for page in PAGES if DOCS in page.parents and page != INDEX]
     start = (site / "index.html").read_text()
@@ -58,20 +59,24 @@ def test_every_page_is_in_the_site_and_in_its_navigation(site):
         assert f'href="{section}/index.html"' in start
 
 
+@pytest.mark.soak
 def test_pages_load_nothing_from_a_network(site):
     for page in site.rglob("*.html"):
         loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"(https?:[^\"]*)", page.read_text())
         assert not loaded, (page, loaded)
 
 
+@pytest.mark.soak
 def test_no_template_of_the_theme_is_in_the_site(site):
     assert [page for page in site.rglob("*.html") if "{{" in page.read_text() and "pathto(" in page.read_text()] == []
 
 
+@pytest.mark.soak
 def test_names_of_blocks_link_to_their_pages(site):
     assert 'href="../api/blocks/CubeMars.html"' in (site / "reference" / "actuators.html").read_text()
 
 
+@pytest.mark.soak
 def test_page_of_a_trial_lists_the_inherited_members(site):
     page = (site / "api" / "python" / "runtime.record.analysis.trial.html").read_text()
     for name in ("__getitem__", "fault", "strides", "time", "unit"):

@@ -168,6 +168,7 @@ def test_the_study_of_the_page_prints_what_it_shows(study):
     assert all(agree(line, text.strip()) for line, text in zip(shown, printed)), printed
 
 
+@pytest.mark.soak
 def test_the_optimisation_from_python_has_an_optimum(study, monkeypatch):
     pytest.importorskip("cma")
     pytest.importorskip("pyarrow")

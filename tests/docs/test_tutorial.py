@@ -68,6 +68,7 @@ def outputs(notebook):
     return found
 
 
+@pytest.mark.soak
 def test_the_notebook_runs_and_has_the_outputs_that_are_stored_in_it(tmp_path):
     files = {fence.file: fence.text for page in pages() for fence in fences(TUTORIAL / page) if fence.file}
     stored = notebook.stored()

@@ -79,7 +79,7 @@ KINDS = [
 CONSTANTS = [0.0, 1, True, -2.5, math.nan, math.inf, [1.0, 2.0, 3.0], [1.0], np.zeros((3, 1)), 1e308]
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_a_random_diagram_compiles_and_runs_or_is_rejected_with_reason(data):
     made = data.draw(st.lists(st.sampled_from(range(len(KINDS))), min_size=1, max_size=12))

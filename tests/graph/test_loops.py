@@ -258,7 +258,7 @@ OPEN = {"delay", "delays", "free integrator", "lag", "state space"}
 
 
 @pytest.mark.hazard("H1a")
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(st.data())
 def test_no_signal_of_a_random_diagram_with_loops_leaves_its_proved_range(data):
     draw = data.draw

@@ -10,6 +10,7 @@ import pytest
 
 from graph import stubs
 from tests.checkout import PACKAGES, ROOT
+from tests.soaking import soaked
 
 USER = ROOT / "tests" / "graph" / "types" / "user_robot.py"
 ROBOTS = sorted((ROOT / "diagrams").glob("*.py"))
@@ -35,7 +36,7 @@ def test_every_package_is_marked_as_typed():
     assert all((ROOT / room / "py.typed").exists() for room in PACKAGES)
 
 
-@pytest.fixture(scope="module", params=CHECKERS)
+@pytest.fixture(scope="module", params=soaked(CHECKERS, but=[0]))
 def errors(request):
     """(path, line) of every error that a type checker reports in the user's file and the robots of this tree."""
     pytest.importorskip(request.param)

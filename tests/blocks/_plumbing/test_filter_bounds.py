@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -58,7 +58,6 @@ def test_worst_case_input_approaches_both_bounds_without_exceeding_them(name, lo
 
 @pytest.mark.parametrize("name", CASES)
 @given(data=st.data())
-@settings(max_examples=25, deadline=None)
 def test_no_input_leaves_the_range_from_zero_or_from_a_settled_start(name, data):
     low, high = sorted(data.draw(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))))
     within = st.one_of(st.floats(low, high), st.sampled_from([low, high]))

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import EmulatedCubeMars
@@ -58,7 +58,6 @@ def test_every_frame_has_one_answer(spoken):
     temperature=st.integers(-40, 215),
     error=st.integers(0, 255),
 )
-@settings(max_examples=300, deadline=None)
 def test_reply_matches_reference_bytes(data, model, can_id, temperature, error):
     ranges, wired = RANGES[model], emulated(model, can_id=can_id)
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
@@ -121,7 +120,6 @@ def test_drive_with_fault_has_no_torque_and_reports_it():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("invert, offset", [(False, 0.0), (True, 0.3)])
 @given(data=st.data())
-@settings(max_examples=25, deadline=None)
 def test_torque_follows_manual_law_up_to_peak(model, invert, offset, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, sign = emulated(model, invert=invert, offset=offset), -1.0 if invert else 1.0

@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import EmulatedCubeMarsServo, EmulatedCubeMarsV3
@@ -60,7 +60,6 @@ def torque(wired, **state):
     error=st.integers(0, 255),
     invert=st.booleans(),
 )
-@settings(max_examples=300, deadline=None)
 def test_report_matches_reference_bytes_and_saturates(model, position, velocity, temperature, error, invert):
     wired, found = board(model=model, invert=invert), MODELS[model]
     told(wired, 8, force(model))
@@ -132,7 +131,6 @@ def test_a_disable_removes_the_torque_and_only_the_next_report_confirms_it():
     position=st.floats(-12.0, 12.0),
     velocity=st.floats(-20.0, 20.0),
 )
-@settings(max_examples=200, deadline=None)
 def test_torque_follows_manual_law_up_to_peak(data, model, position, velocity):
     wired, ranges = board(model=model), reference.ranges(MODELS[model])
     fields = {name: data.draw(st.floats(*ranges[name]), label=name) for name, _ in reference.FORCE}
@@ -267,7 +265,6 @@ def test_a_diverged_plant_sends_no_reply(port, bad):
 
 
 @given(kind=st.integers(0, 20), data=st.binary(max_size=64), length=st.integers(0, 64))
-@settings(max_examples=300, deadline=None)
 def test_torque_is_finite_and_within_peak_for_any_frame(kind, data, length):
     wired = board()
     wired.hear(reference.identifier(kind, 7), data, length)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMarsServo
@@ -42,7 +42,6 @@ def value_of(data):
     offset=st.sampled_from([0.0, 0.4, -1.3]),
     ratio=st.sampled_from([1.0, 2.0, 0.7]),
 )
-@settings(max_examples=600, deadline=None)
 def test_a_command_equals_the_references_truncated_towards_zero(data, model, mode, invert, offset, ratio):
     """The whole number is the exact one without its fraction; where doubles round across a whole number, the next
     one.
@@ -123,7 +122,6 @@ def test_command_beyond_limit_or_nan_makes_no_frame(mode):
     position=st.floats(-60.0, 60.0),
     share=st.floats(0.0, 1.0),
 )
-@settings(max_examples=200, deadline=None)
 def test_codes_never_wrap_even_with_a_corrupt_limit(mode, x, limit, position, share):
     one = drive("AK80-64", mode)
     name, *_ = one.block.inputs
@@ -191,7 +189,6 @@ def test_an_example_of_the_manual_is_reproduced():
     error=st.integers(0, 255),
     invert=st.booleans(),
 )
-@settings(max_examples=300, deadline=None)
 def test_a_status_is_decoded_as_by_the_reference(model, mode, codes, temperature, error, invert):
     one = drive(model, mode, invert=invert, offset=0.4)
     one.arena[AUTHORITY] = 0.0
@@ -215,7 +212,6 @@ def test_a_status_is_decoded_as_by_the_reference(model, mode, codes, temperature
     length=st.integers(0, 255),
     mode=st.sampled_from(MODES),
 )
-@settings(max_examples=400, deadline=None)
 def test_any_frame_changes_only_the_feedback(identifier, data, length, mode):
     one = drive("AK80-9", mode)
     before = one.arena.copy()

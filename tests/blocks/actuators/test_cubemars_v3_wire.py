@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMarsV3
@@ -52,7 +52,6 @@ def unlimited(model):
 
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)))
-@settings(max_examples=400, deadline=None)
 def test_command_matches_reference_bytes_and_setpoint_within_one_code(data, model):
     drive, ranges = unlimited(model), RANGES[model]
     fields = {
@@ -151,7 +150,6 @@ def test_a_command_past_its_limit_makes_no_frame(model):
     temperature=st.integers(-128, 127),
     error=st.integers(0, 255),
 )
-@settings(max_examples=300, deadline=None)
 def test_a_status_is_decoded_as_by_the_reference(data, model, invert, offset, ratio, codes, temperature, error):
     """Within 1e-12 of the range. Every value is inside what the block promises; 0x77 is no error of a drive that is not
     commanded.
@@ -231,7 +229,6 @@ def test_commanded_drive_that_reports_disable_or_power_loss_faults_until_rearmed
     data=st.binary(max_size=64),
     length=st.integers(0, 255),
 )
-@settings(max_examples=500, deadline=None)
 def test_any_frame_changes_only_the_feedback(identifier, data, length):
     drive = Wired.again(DRIVES["AKE90-8"])
     before = drive.arena.copy()
@@ -251,7 +248,6 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length):
 
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)), share=st.sampled_from([1.0, 0.3, 0.05]))
-@settings(max_examples=400, deadline=None)
 def test_the_law_stays_within_the_limit_over_every_motion_until_a_late_frame(data, model, share):
     """Of the received feedback, which is coarser than a command: the joint is within one of its codes."""
     drive = Wired.again(DRIVES[model])

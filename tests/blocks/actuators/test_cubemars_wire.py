@@ -4,7 +4,7 @@ import ctypes
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
@@ -78,7 +78,6 @@ def test_every_position_code_is_that_of_the_middle_of_its_interval():
 
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)))
-@settings(max_examples=400, deadline=None)
 def test_any_command_inside_its_ranges_has_the_codes_of_the_reference(data, model):
     fields = {name: data.draw(st.floats(*RANGES[model][name]), label=name) for name in FIELDS}
     same_codes(say(DRIVES[model], **fields), RANGES[model], fields)
@@ -193,7 +192,6 @@ def test_the_ends_of_a_reply_are_the_ends_of_the_ranges_exactly():
     offset=st.floats(-6.0, 6.0),
     authority=st.floats(0.0, 1.0),
 )
-@settings(max_examples=300, deadline=None)
 def test_invert_offset_and_fade_in_apply_before_encoding(data, model, invert, offset, authority):
     """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque,
     stiffness and damping.

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -121,7 +121,6 @@ def test_random_motion_within_assumption_meets_at_most_the_limit(name, mounted):
 
 @pytest.mark.hazard("H1c")
 @given(data=st.data(), name=st.sampled_from(sorted(KINDS)), mounted=st.booleans())
-@settings(max_examples=400, deadline=None)
 def test_any_command_stays_within_the_limit_over_every_motion_until_a_late_frame(data, name, mounted):
     drive = observed(name, data.draw(st.sampled_from([100, 200, 500, 1000]), label="rate"), mounted)
     limit = drive.limit * data.draw(st.floats(0.01, 1.0), label="share of the peak")

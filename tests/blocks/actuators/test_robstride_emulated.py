@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import EmulatedRobStride, EmulatedRobStrideMIT
@@ -71,7 +71,6 @@ def test_drive_is_silent_until_first_command():
     host=st.integers(128, 255),
     temperature=st.integers(-40, 75),
 )
-@settings(max_examples=40, deadline=None)
 def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data, model, can_id, host, temperature):
     wired, ranges = emulated(model, can_id=can_id), RANGES[model]
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
@@ -106,7 +105,6 @@ def test_drive_produces_torque_only_between_enable_and_stop():
 
 @pytest.mark.parametrize("model", MODELS)
 @given(data=st.data())
-@settings(max_examples=8, deadline=None)
 def test_torque_follows_manual_law_up_to_limits(model, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, ranges = emulated(model), RANGES[model]
@@ -303,7 +301,6 @@ def test_foreign_or_malformed_frames_are_ignored_without_reply(identifier, data,
     length=st.integers(0, 255),
     to_us=st.booleans(),
 )
-@settings(max_examples=80, deadline=None)
 def test_no_frame_causes_torque_in_a_stopped_drive_or_beyond_the_peak(identifier, kind, data, length, to_us):
     wired = Wired.again(BASE)
     if to_us:

@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import RobStrideMIT
@@ -39,7 +39,6 @@ def say(wired, **fields):
 
 
 @given(data=st.data(), model=st.sampled_from(NAMES))
-@settings(max_examples=60, deadline=None)
 def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
     limits = RANGES[model]
     fields = {name: data.draw(st.floats(*limits[name]), label=name) for name in FIELDS}
@@ -85,7 +84,6 @@ def test_values_beyond_the_range_never_wrap_and_nan_is_rejected(model):
 
 
 @given(data=st.data(), model=st.sampled_from(NAMES), temperature=st.integers(-400, 1500))
-@settings(max_examples=50, deadline=None)
 def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature):
     wired, limits = DRIVES[model], RANGES[model]
     p, v, t = (data.draw(st.integers(0, top)) for top in (65535, 4095, 4095))

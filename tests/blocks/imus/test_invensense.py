@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.imus import ICM20948, MPU9250, EmulatedICM20948, EmulatedMPU9250
@@ -157,7 +157,6 @@ def test_read_failures_are_reported_and_do_not_count_as_reply(mpu):
 
 
 @given(number=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64))
-@settings(max_examples=400, deadline=None)
 def test_any_frame_leaves_finite_outputs_within_the_declared_range(mpus, icms, number, data):
     for wired in (Wired.again(mpus[8, 1000]), Wired.again(icms)):
         for identity in (number, identifier(number % 16)):
@@ -340,7 +339,6 @@ PLAYED = [(MPU9250, EmulatedMPU9250, {"adjustment": (176, 100, 166)}), (ICM20948
 
 @pytest.mark.parametrize("kind, emulated, parameters", PLAYED)
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
 def test_block_reads_measurements_of_emulated_sensor(kind, emulated, parameters, data):
     """Within half a code of each quantity; the adjustment stretches that of the magnetometer."""
     vectors = {

@@ -5,7 +5,7 @@ packet after garbage found.
 import random
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from blocks.imus.microstrain import mip
@@ -61,7 +61,6 @@ def whole(data):
     return found
 
 
-@settings(max_examples=200, deadline=None)
 @given(streams(), st.integers(1, 64))
 @example((mip.SYNC + b"\x80\xff" + numbered(1), [1]), 64)
 def test_every_valid_packet_is_parsed_and_no_invalid_one_accepted(stream, chunk):
@@ -80,7 +79,6 @@ def test_every_valid_packet_is_parsed_and_no_invalid_one_accepted(stream, chunk)
         assert sensor["ticks"] == numbers[-1]
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=2000), st.integers(1, 64))
 def test_parser_resynchronises_after_noise(noise, chunk):
     sensor = Hearing(channels=("gyro", "ticks"))
@@ -89,7 +87,6 @@ def test_parser_resynchronises_after_noise(noise, chunk):
     assert sensor["ticks"] == 7.0
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=40)), max_size=6),
     st.sampled_from((0x80, 0x82, 0xA0, 0xFF)),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
@@ -239,7 +239,6 @@ def test_values_that_a_335ri_marks_as_errors_are_counted(merit, is_bad, model, c
 
 
 @given(name=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), address=st.integers(128, 247))
-@settings(max_examples=300, deadline=None)
 def test_any_frame_leaves_measurements_in_range(name, data, address, listener):
     wired = listener(address)
     before = wired.arena.copy()
@@ -310,7 +309,6 @@ FINE = {"model": "335RI", "high_resolution": True, "write_settings": False, "slo
     codes=st.lists(st.integers(0, 2**19 - 1), min_size=3, max_size=3),
     merits=st.lists(st.integers(0, 3), min_size=3, max_size=3),
 )
-@settings(max_examples=100, deadline=None)
 def test_packets_of_high_resolution_have_three_codes_of_19_bits(codes, merits):
     wired = fine()
     for group, port, count, least in (

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.sensors import ADS1115, NAU7802, EmulatedADS1115, EmulatedNAU7802
@@ -170,7 +170,6 @@ def test_the_registers_of_an_nau7802():
 
 
 @given(number=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), transfer=st.integers(0, 15))
-@settings(max_examples=400, deadline=None)
 def test_any_frame_leaves_finite_outputs_within_the_declared_range(converters, amplifiers, number, data, transfer):
     for wired, address in ((Wired.again(converters[2.048]), 0x48), (Wired.again(amplifiers), 0x2A)):
         for identity in (number, identifier(transfer, address)):
@@ -184,7 +183,6 @@ def test_any_frame_leaves_finite_outputs_within_the_declared_range(converters, a
 
 
 @given(volts=st.lists(st.floats(-8.0, 8.0), min_size=4, max_size=4), span=st.sampled_from(sorted(RANGES.values())))
-@settings(max_examples=60, deadline=None)
 def test_an_emulated_converter_is_read_to_half_a_code(converters, volts, span):
     wired = Wired.again(converters[span])
     if span not in PLAYED:

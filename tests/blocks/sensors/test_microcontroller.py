@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.sensors import EmulatedMicrocontroller, Microcontroller
@@ -100,7 +100,6 @@ def test_packet_layout_follows_its_fields(parser):
     counter=st.one_of(st.none(), st.integers(0, 255)),
     cut=st.integers(1, 64),
 )
-@settings(max_examples=60, deadline=None)
 def test_every_type_round_trips_for_any_chunk_split(data, declared, counter, cut):
     names = [f"x{i}" for i in range(len(declared))]
     wired = Wired(
@@ -132,7 +131,6 @@ def test_every_type_round_trips_for_any_chunk_split(data, declared, counter, cut
     values=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4),
     form=st.sampled_from(["cobs", "lines"]),
 )
-@settings(max_examples=60, deadline=None)
 def test_the_emulated_microcontroller_rounds_inputs_to_their_types(data, values, form):
     unit, wired = (
         Wired(EmulatedMicrocontroller, fields=FORCE, format=form),
@@ -174,7 +172,6 @@ def test_first_partial_packet_is_not_counted_as_corrupt(parser):
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
 def test_only_valid_packets_after_garbage_are_parsed(data, parser):
     wired = parser(*FORCE)
     stream, good = b"\0", 0
@@ -249,7 +246,6 @@ def test_line_with_lost_first_digits_is_discarded(gap, parser):
 
 
 @given(text=st.binary(max_size=200), cut=st.integers(1, 64))
-@settings(max_examples=150, deadline=None)
 def test_text_between_lines_is_skipped(text, cut, parser):
     wired = parser(("force", "float32"), format="lines", counter=False)
     hear(wired, b"\n" + text + b"\n4.25\n", cut)

@@ -1,7 +1,7 @@
 """The in-memory bus: what one end sends the other receives, in order, and a full queue loses and counts."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
@@ -33,7 +33,6 @@ def test_full_queue_refuses_and_counts_frames_until_read():
     assert [frame[0] for frame in bus.device.receive(2000)] == [*range(3, 1024), 2000] and bus.dropped == 6
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.tuples(st.sampled_from(["host", "device"]), st.one_of(st.none(), st.binary(max_size=64))), max_size=60)
 )

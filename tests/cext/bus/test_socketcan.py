@@ -15,7 +15,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
@@ -92,7 +92,6 @@ def test_frames_pass_both_ways_through_the_kernel():
     assert wire.heard() == [] and wire.can.trouble is None and set(wire.can.counts.values()) == {0}
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 0x7FF), st.binary(max_size=64)), max_size=40))
 def test_sent_frames_arrive_once_in_order_on_fd_bus(frames):
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)

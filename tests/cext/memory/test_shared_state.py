@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cext.clock.histogram import percentiles
@@ -63,7 +63,6 @@ def test_a_record_is_never_cut_at_the_end_of_the_ring():
         assert shared.drain() == [(RECORD_ROW, payload(lap, 100))]
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(st.one_of(st.integers(0, 300), st.just("drain")), max_size=200), st.integers(1, 20))
 def test_accepted_records_are_drained_once_and_in_order(actions, most):
     shared = SharedState(4096)

@@ -87,7 +87,7 @@ def bits(rows):
     return np.where(np.isnan(rows), np.nan, rows).tobytes()
 
 
-SLOW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
 
 
 @SLOW
@@ -106,7 +106,7 @@ def test_native_blocks_agree_with_plain_python_bit_for_bit(nodes):
     assert bits(found) == bits(expected), [(i, nodes[i]) for i in straight if bits(found[:, i]) != bits(expected[:, i])]
 
 
-@settings(SLOW, max_examples=200)
+@SLOW
 @given(networks(WILD))
 def test_no_output_leaves_the_range_that_is_proved(nodes):
     straight = range(len(nodes))

@@ -13,6 +13,7 @@ import pytest
 import runtime
 from runtime.session import simulate
 from tests.runtime.runs import environment, knee
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -50,7 +51,7 @@ with runtime.connect(sys.argv[1], fast=False, loop_timeout=20.0) as robot:
 BEGIN_OF_CALL = re.compile(r' +File "[^"]+/runtime/host/interrupts\.py", line \d+, in call\n +def call\(.*\n')
 OWN = "runtime.check(sys.argv[1]); print('checked', flush=True); time.sleep(20.0)"
 
-MOMENTS = [pytest.param(0.02 * step, marks=[pytest.mark.soak] * (step % 2)) for step in range(20)]  # s, of the start
+MOMENTS = soaked([0.02 * step for step in range(20)] + [0.5, 0.7, 1.0, 1.5], but=range(3, 24, 4))  # s, of the start
 
 
 class Program:
@@ -81,12 +82,12 @@ def assert_ends_with_one_line(program, after=0.0):
     assert program.process.returncode == -signal.SIGINT
 
 
-@pytest.mark.parametrize("after", [*MOMENTS, 0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("after", MOMENTS)
 def test_a_run_in_real_time_is_stopped_without_a_traceback(tmp_path, after):
     assert_ends_with_one_line(Program(tmp_path, REAL_TIME, as_file=True), after)
 
 
-@pytest.mark.parametrize("after", [0.0, 0.1, 0.3, 0.8])
+@pytest.mark.parametrize("after", soaked([0.0, 0.1, 0.3, 0.8], but=[2]))
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
 def test_every_other_call_is_stopped_without_a_traceback(tmp_path, call, after):
     assert_ends_with_one_line(Program(tmp_path, call), after)

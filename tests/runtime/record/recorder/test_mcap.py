@@ -174,7 +174,7 @@ def test_messages_and_their_fields_have_unique_names(tmp_path):
     assert [trial[path].tolist() for path in paths] == [[float(number)] for number in range(len(paths))]
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.floats(), min_size=1, max_size=40))
 def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("bits")

@@ -12,6 +12,7 @@ import pytest
 from tests.runtime.robot.guardian.bus import Bus, guardian_of
 from tests.runtime.robot.guardian.test_handover import WAYS, Drives
 from tests.runtime.runs import DISABLE, NOTHING
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -64,9 +65,12 @@ class ClosedTerminal(ClosedPipe):
         self.ours, self.theirs = pty.openpty()
 
 
+KINDS = (ClosedPipe, FullPipe, StoppedTerminal, ClosedTerminal)
+PAIRS = [(WAYS[place % 3], KINDS[place % 4]) for place in range(12)]
+
+
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("kind", [ClosedPipe, FullPipe, StoppedTerminal, ClosedTerminal])
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way, kind", soaked(PAIRS, but=range(4)))
 def test_a_stop_continues_if_nothing_accepts_its_messages(way, kind, tmp_path):
     messages = kind()
     with Bus(tmp_path, number=22, answering=False) as bus, Drives(bus) as drives:

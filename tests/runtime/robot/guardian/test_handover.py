@@ -34,6 +34,7 @@ from tests.runtime.robot.guardian.drives import AK10_9, open_bus
 from tests.runtime.robot.guardian.test_carrying import Carrying
 from tests.runtime.robot.rig.test_slcan import Adapter, awaited, rig_of
 from tests.runtime.runs import DISABLE, NOTHING, knee, started
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -238,7 +239,7 @@ def test_a_new_run_takes_the_buses_over_at_once_and_without_a_pause(way, tmp_pat
         assert any(is_torque(frame) for frame in bus.frames if frame.time >= began), errors
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[1]))
 def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         began = time.time()
@@ -255,7 +256,7 @@ def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_p
         assert "left/knee" in text and "only after" in text, text
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[2]))
 def test_a_stop_that_goes_on_waits_between_its_frames(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         before, began = list(map(wakes_of, bus.waiting)), time.time()
@@ -266,7 +267,7 @@ def test_a_stop_that_goes_on_waits_between_its_frames(way, tmp_path):
         process.communicate(timeout=10)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[0]))
 def test_a_run_without_these_drives_and_another_program_are_refused_and_change_nothing(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         for identifiers in (None, set(), {2, 3}):
@@ -280,7 +281,7 @@ def test_a_run_without_these_drives_and_another_program_are_refused_and_change_n
         process.communicate(timeout=10)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[1]))
 def test_an_adapter_that_one_process_may_open_is_handed_over(way, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)

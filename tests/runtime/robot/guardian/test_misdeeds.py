@@ -13,6 +13,7 @@ import pytest
 from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, Files
 from tests.runtime.stuck import family
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -70,7 +71,7 @@ def misled(bus, deed, *words, allowed=STOP):
     return process, out, err
 
 
-@pytest.mark.parametrize("deed", [CLOSE.format(first=3), REPLACE, CLOSE.format(first=3) + "\n" + FULL])
+@pytest.mark.parametrize("deed", soaked([CLOSE.format(first=3), REPLACE, CLOSE.format(first=3) + "\n" + FULL], but=[1]))
 def test_a_block_that_closes_the_descriptors_of_the_run_ends_it_at_once_and_is_reported(bus, deed, tmp_path):
     process, _, err = misled(bus, deed)
     assert process.returncode == 3
@@ -111,7 +112,10 @@ TAKEN = {
 @pytest.mark.parametrize(
     "by, what",
     # a process of another account cannot end a guardian of root that is suspended
-    [(by, what) for by in ("SIGKILL", "SIGSTOP") for what in TAKEN if (by, what) != ("SIGSTOP", "another account")],
+    soaked(
+        [(by, what) for by in ("SIGKILL", "SIGSTOP") for what in TAKEN if (by, what) != ("SIGSTOP", "another account")],
+        but=[0, 2, 5, 7],
+    ),
 )
 def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_block_has_done(bus, by, what):
     """The guardian ends at the time of the deed, so that the control process itself reaches the drives."""
@@ -127,15 +131,18 @@ def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_blo
 
 @pytest.mark.parametrize(
     "deed",
-    [
-        FULL,
-        "os.chdir('/proc')",
-        "os.umask(0o777)",
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))",
-        "resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))",
-        "signal.signal(signal.SIGCHLD, signal.SIG_IGN)",
-        "os.setgroups([]); os.setgid(65534); os.setuid(65534)",
-    ],
+    soaked(
+        [
+            FULL,
+            "os.chdir('/proc')",
+            "os.umask(0o777)",
+            "resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))",
+            "resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))",
+            "signal.signal(signal.SIGCHLD, signal.SIG_IGN)",
+            "os.setgroups([]); os.setgid(65534); os.setuid(65534)",
+        ],
+        but=[0, 2, 6],
+    ),
 )
 def test_a_run_ends_as_usual_whatever_limit_a_block_has_lowered(bus, deed, tmp_path):
     process, out, err = misled(bus, deed, "--duration", "0.5")

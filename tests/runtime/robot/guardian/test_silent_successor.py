@@ -24,6 +24,7 @@ from tests.runtime.robot.guardian.test_handover import (
 )
 from tests.runtime.robot.rig.test_slcan import awaited, rig_of
 from tests.runtime.runs import DISABLE, NOTHING, environment, knee, started, write
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -72,7 +73,7 @@ def frozen_guardian(run):
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[2]))
 def test_a_bus_whose_new_run_sends_nothing_is_taken_back_each_time(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         lock = BusLock("udp_multicast", bus.channel, {1, 2})
@@ -107,7 +108,7 @@ def test_a_new_run_whose_interface_took_long_to_open_has_no_more_time_between_fr
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("place", OPENING)
+@pytest.mark.parametrize("place", soaked(OPENING, but=[1]))
 def test_no_drive_is_without_frames_while_the_guardian_of_a_new_run_is_stopped(place, tmp_path):
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
         began = time.time()
@@ -146,7 +147,7 @@ def test_the_earlier_stop_continues_after_a_run_whose_guardian_does_not_watch(tm
         second.communicate()
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", soaked(PLACES, but=[0]))
 def test_no_drive_is_without_frames_while_a_new_run_is_stopped_whose_guardian_was_killed(place, tmp_path):
     """The connection of the handover stays open in its control process until the guardian has answered."""
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
@@ -163,7 +164,7 @@ def test_no_drive_is_without_frames_while_a_new_run_is_stopped_whose_guardian_wa
         process.communicate(timeout=10)
 
 
-@pytest.mark.parametrize("place", OPENING)
+@pytest.mark.parametrize("place", soaked(OPENING, but=[0]))
 def test_an_adapter_that_one_process_may_open_is_taken_back_and_handed_over_again(place, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)

@@ -30,6 +30,7 @@ from tests.blocks.actuators import reference
 from tests.runtime.robot.guardian.bus import guardian_of
 from tests.runtime.robot.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, after_asking, knee, started, write
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -349,7 +350,10 @@ def unplugged(folder, dies, *words):
 
 @pytest.mark.hazard("H9d")
 @pytest.mark.parametrize(
-    "dies, away", [*[(dies, away) for dies in ("never", "at once") for away in (0.15, 1.0, 3.0)], ("later", 0.5)]
+    "dies, away",
+    soaked(
+        [*[(dies, away) for dies in ("never", "at once") for away in (0.15, 1.0, 3.0)], ("later", 0.5)], but=[1, 3, 6]
+    ),
 )
 def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, dies, away):
     """The adapter is plugged in again, as another device under the same link. Its guardian may die meanwhile."""
