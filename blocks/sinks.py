@@ -1,6 +1,13 @@
 """Live viewers. They have inputs only; the recorder process sends their data."""
 
+from math import isfinite
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
 from graph import Param, Sink
+
+NOTE_LENGTH = 200  # characters of the note on a mark
 
 
 class PlotJuggler(Sink):
@@ -41,16 +48,40 @@ class PlotJuggler(Sink):
 
 
 class Panel(Sink):
-    """Page in a browser for the operator: state, stop, live parameters, plots.
+    """Page in a browser for the operator: state, stop, live parameters, plots, and a picture for the subject.
 
     The page is for browsers on this computer, or on others if `host` is an address of this computer in their network.
     A run in virtual time has no page.
+
+    Panel(marks=("start", "uphill")) adds a button for each of these marks. Panel(subject="left/knee.position",
+    stride="maximum", target=(0.9, 1.1)) shows the largest knee angle of each stride at the address /subject.
     """
 
     host = Param("127.0.0.1", "1", "address on which the page is served; 0.0.0.0 for all of this computer")
     port = Param(0, "1", "TCP port of the page; 0 for the first free one from 8470 on", min=0, max=65535, fixed=True)
+    marks = Param((), "1", "notes of marks, each with a button on the page")
+    marks_file = Param("", "1", "path of a text file with further notes, one in a line", dtype=str, file=True)
+    subject = Param("", "1", "recorded signal that the subject is shown; by default the one chosen on the page")
+    target = Param((), "1", "lowest and highest value of the subject's target band, in the unit of the signal")
+    stride = Param(
+        "",
+        "1",
+        "what the subject is shown of each stride: its last, largest, smallest or mean value; by default the value now",
+        choices=("", "last", "maximum", "minimum", "mean"),
+    )
 
     service = "panel"
+
+    def configure(self) -> None:
+        lines = Path(self.marks_file).read_text(encoding="utf-8").splitlines() if self.marks_file else []
+        notes: list[Any] = [*self.marks, *filter(None, map(str.strip, lines))]
+        for note in notes:
+            if not isinstance(note, str) or not 0 < len(note) <= NOTE_LENGTH or not note.isprintable():
+                raise ValueError(f"marks must be text of 1 to {NOTE_LENGTH} characters in one line, got {note!r}")
+        self.marks = tuple(dict.fromkeys(notes))
+        finite = all(isinstance(end, Real) and isfinite(end) for end in self.target)
+        if self.target and not (finite and len(self.target) == 2 and self.target[0] < self.target[1]):
+            raise ValueError(f"target must be (lowest, highest), got {self.target!r}")
 
     def is_active(self, virtual: bool) -> bool:
         return not virtual

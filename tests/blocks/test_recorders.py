@@ -3,7 +3,7 @@
 import pytest
 
 from blocks.recorders import CsvRecorder, StrideReport
-from blocks.sinks import PlotJuggler
+from blocks.sinks import Panel, PlotJuggler
 from blocks.sources import Sine
 from graph import Diagram, DiagramError, compile
 from tests.blocks.running import player
@@ -56,6 +56,9 @@ def test_stride_report_distinguishes_torque_and_angle():
     [
         (lambda: CsvRecorder(flush_rows=0), "flush_rows: must be at least 1, got 0"),
         (lambda: CsvRecorder(delimiter="."), "delimiter must be comma, .* in no number and no quote, got '.'"),
+        (lambda: Panel(marks=("start", 2)), "marks must be text of 1 to 200 characters in one line, got 2"),
+        (lambda: Panel(target=(2.0, 1.0)), r"target must be \(lowest, highest\), got \(2.0, 1.0\)"),
+        (lambda: Panel(target=(2.0, None)), "target must be"),
         (lambda: CsvRecorder(delimiter="e"), "delimiter must be comma, .*, got 'e'"),
         (lambda: CsvRecorder(delimiter="||"), "delimiter must be comma, .*, got '||'"),
         (lambda: CsvRecorder(names={"knee.position": 1}), "names must be {signal: name}, both text, got 'knee"),
@@ -68,3 +71,14 @@ def test_stride_report_distinguishes_torque_and_angle():
 def test_parameters_out_of_bounds_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
+
+
+def test_panel_takes_marks_from_the_diagram_and_from_a_file(tmp_path):
+    file = tmp_path / "protocol.txt"
+    file.write_text("level walking\n\n uphill \nstart\n")
+    panel = Panel(marks=("start",), marks_file=str(file))
+    assert panel.marks == ("start", "level walking", "uphill")
+    panel.reconfigure()
+    assert panel.marks == ("start", "level walking", "uphill")
+    with pytest.raises(DiagramError, match="nowhere.txt"):
+        Panel(marks_file="nowhere.txt")

@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Response
 
 from runtime.record.panel import access
-from runtime.record.panel.access import OPERATE
+from runtime.record.panel.access import OPERATE, VIEW
 from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Set, Stop, answered
 from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
 
@@ -39,7 +39,12 @@ PAGES = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/page.css": ("page.css", "text/css; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
-    **{f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8") for name in ("parameters", "plots", "text")},
+    "/subject": ("subject.html", "text/html; charset=utf-8"),
+    "/subject.css": ("subject.css", "text/css; charset=utf-8"),
+    **{
+        f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8")
+        for name in ("parameters", "plots", "subject", "text")
+    },
     "/uPlot.js": ("uPlot.iife.min.js", "text/javascript; charset=utf-8"),
     "/uPlot.css": ("uPlot.min.css", "text/css; charset=utf-8"),
 }
@@ -50,7 +55,7 @@ SECURITY = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-SOCKET = "/socket"
+SOCKET, WATCHING = "/socket", "/watching"  # the second for pages that only show and stop the run, whatever their token
 MESSAGE_LIMIT = 4096  # bytes of a message of a page
 MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
 WAITING_LIMIT = 128  # orders of a page that wait for the run
@@ -152,7 +157,7 @@ class Server:
         path = request.path.partition("?")[0]
         if self.local and not self.is_own(connection):
             return self.deny("account", HTTPStatus.FORBIDDEN, "This page belongs to another account of this computer.")
-        if path == SOCKET:
+        if path in (SOCKET, WATCHING):
             if not access.same_origin(request.headers.get("Origin"), request.headers.get("Host"), self.local):
                 return self.deny("origin", HTTPStatus.FORBIDDEN, "Only the panel's own page may connect.")
             if max(len(self.pages), self.pending) >= PAGE_LIMIT:
@@ -182,6 +187,9 @@ class Server:
             self.refused["token"] += 1
             await connection.close(POLICY, "wrong token")
             return
+        assert connection.request is not None
+        if connection.request.path == WATCHING:
+            role = VIEW
         self.opened += 1
         page = self.pages[self.opened] = Page(connection, self.opened, role)
         if role == OPERATE and self.operator is None:

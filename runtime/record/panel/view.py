@@ -76,10 +76,12 @@ class View:
         return {
             "type": "hello",
             "run": access.derived(self.plan["secret"], "run"),
+            "watch": "" if access.is_local(self.plan["host"]) else access.derived(self.plan["secret"], access.VIEW),
             "name": self.table.name,
             "rate": self.plan["rate"],
             "duration": self.plan["duration"],
             "simulated": self.plan["simulated"],
+            **{key: self.plan[key] for key in ("marks", "subject", "target", "stride")},
             "states": STATES,
             "signals": names.describe(signals),
             "parameters": names.describe(parameters),

@@ -106,6 +106,8 @@ function takeHello(message) {
   $("kind").textContent = hello.simulated ? "simulation" : "robot";
   values = new Float64Array(hello.signals.length).fill(NaN);
   buildOperate();
+  $("marks").replaceChildren(...hello.marks.map((note) => element("button", { onclick: () => mark(note) }, note)));
+  $("subject").href = `subject#${hello.watch}`;
   parameters.build(hello.parameters, hello.name);
   $("adjust").hidden = !$("parameters").children.length;
   plots.build(hello);
@@ -148,7 +150,7 @@ function takeStatus(message) {
   $("take").textContent = mine ? "Give them back" : "Take the controls";
   $("take").hidden = !may;
   $("take").onclick = () => send({ do: "operate", take: !mine });
-  $("mark").disabled = $("note").disabled = !mine || status.over;
+  for (const control of [$("mark"), $("note"), ...$("marks").children]) control.disabled = !mine || status.over;
   parameters.show(status.live, mine && !status.over);
   showHealth();
   showState();
@@ -355,9 +357,10 @@ addEventListener("keyup", (event) => {        // a space also presses a button w
   if (event.code === "Space" && !writes(event.target)) event.preventDefault();
 }, true);
 let marks = 0;
+const mark = (note) => send({ do: "mark", id: --marks, note });
 $("marking").addEventListener("submit", (event) => {
   event.preventDefault();
-  if (send({ do: "mark", id: --marks, note: $("note").value })) $("note").value = "";
+  if (mark($("note").value)) $("note").value = "";
   $("note").blur();                            // so that the space bar stops again
 });
 const tabs = ["operate", "plots"];

@@ -18,12 +18,14 @@ from runtime.host.child_process import ChildProcess
 from runtime.host.console.stderr import Terminal
 from runtime.record.panel.access import OPERATE
 from runtime.record.recorder.service import Service
+from runtime.record.recorder.services.csv import place_of
 
 READY_TIMEOUT = 20.0  # s, to import its libraries and listen
 END_TIMEOUT = 1.0  # s, to show the end of the run
 START_LIMIT = 2
 EVENT_LIMIT = 60_000  # bytes of an event
 PLANNED = ("folder", "stem", "rate", "duration", "simulated")
+CHOSEN = ("host", "port", "marks", "subject", "target", "stride")  # parameters of the block
 
 
 class PanelError(OSError):
@@ -67,6 +69,8 @@ class PanelService(Service):
     """Serves blocks.sinks.Panel."""
 
     def open(self) -> None:
+        if subject := self.sink["parameters"]["subject"]:
+            place_of("subject", subject, self.plan["signals"])
         self.starts, self.lost = 0, 0
         self.greeting: list[str] = []
         self.child: PanelProcess | None = None
@@ -89,8 +93,7 @@ class PanelService(Service):
             **{key: self.plan.get(key) for key in PLANNED},
             "limits": self.plan.get("limits", {}),
             "hot": self.plan.get("hot", {}),
-            "host": parameters["host"],
-            "port": parameters["port"],
+            **{key: parameters[key] for key in CHOSEN},
             "port_before": self.kept.get("port", 0),
             "secret": self.plan.get("secret") or os.urandom(16).hex(),
             "signals": [{**signal, "labels": labels.get(signal["path"], [])} for signal in self.plan["signals"]],

@@ -84,9 +84,12 @@ def free_port():
 
 
 @contextlib.contextmanager
-def running(folder, *options, law=SWING, host="127.0.0.1"):
-    """A run in a process of its own, once its panel listens. It is stopped at the end if it still runs."""
-    write(folder, ROBOT.format(law=law))
+def running(folder, *options, law=SWING, host="127.0.0.1", more=""):
+    """A run in a process of its own, once its panel listens. It is stopped at the end if it still runs.
+
+    more : further lines of its diagram
+    """
+    write(folder, ROBOT.format(law=law) + more)
     with started(
         "robot.py", "--panel", f"{host}:{free_port()}", "--record", "recordings", *options, cwd=folder
     ) as process:
@@ -120,11 +123,11 @@ class Page:
         self.until(lambda: self.hello and self.status)
 
     @classmethod
-    def open(cls, address, **headers):
+    def open(cls, address, place="/socket", **headers):
         base, _, token = address.partition("#")
         host = base.removeprefix("http://").rstrip("/")
         origin = headers.pop("origin", f"http://{host}")
-        return cls(connect(f"ws://{host}/socket", origin=origin, compression=None, **headers).__enter__(), token)
+        return cls(connect(f"ws://{host}{place}", origin=origin, compression=None, **headers).__enter__(), token)
 
     def take(self, timeout=10.0):
         """Take one message."""

@@ -15,6 +15,21 @@ from tests.runtime.runs import assert_safely_stopped, descendant, write
 pytestmark = [needs_browser, pytest.mark.paced]
 ROW = "document.querySelector('[data-path=\"left/law.gain\"]')"
 RUNNING = "document.getElementById('word').innerText === 'Running'"
+# Strides of 0.6 s, and a height whose largest values in them are 1.0, 1.2 and 1.4 m in turn.
+WALK = """
+    from blocks.sinks import Panel
+
+    class Walk(Block):
+        strides = Output("1", dtype=int)
+        height = Output("m")
+
+        def step(self, t):
+            count = int(t / 0.6)
+            return count, (1.0 + 0.2 * (count % 3)) * math.sin(math.pi * (t / 0.6 - count))
+
+    Walk(name="walk")
+    Panel(marks=("start", "uphill"), subject="walk.height", stride="maximum", target=(1.1, 1.3))
+"""
 
 
 @pytest.fixture
@@ -205,3 +220,38 @@ def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
         assert run.end()[0] == 3
         tab.wait_for("document.getElementById('state').dataset.state === 'fault'")
         assert "FAULT at left/knee" in tab.evaluate("document.querySelector('#fault pre').textContent")
+
+
+def test_subject_sees_each_stride_beside_the_target_band_and_can_only_stop(tmp_path):
+    with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
+        operates, tab = new_tab(run.address), new_tab(f"{run.address}subject")
+        seen, value = {}, "document.querySelector('#value b').innerText"
+        for word in ("▲ more", "✓ in the target", "▼ less"):
+            seen[word] = tab.wait_for(f"document.getElementById('word').innerText === {word!r} && {value}")
+        assert [float(value) for value in seen.values()] == pytest.approx([1.0, 1.2, 1.4], rel=0.03)
+        assert tab.text("#name") == "Walk height" and "target 1.10 to 1.30 m" in tab.text("#goal")
+        operates.wait_for("document.getElementById('operator').innerText === 'this page, 2 pages open'")
+        for width in (390, 1920):
+            tab.look(width)
+            assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        tab.evaluate("document.getElementById('stride').value = ''; document.querySelector('form').requestSubmit()")
+        tab.wait_for(f"Number({value}) < 0.9")
+        assert "stride=&low=1.1&high=1.3" in tab.evaluate("location.search")
+        tab.press(" ", "Space")
+        code, said = run.end()
+        assert code == 0 and "stopped by page 2 of the panel" in said
+        tab.wait_for("document.body.classList.contains('old')")
+    assert_safely_stopped(run.files, (1, 2))
+
+
+def test_buttons_of_the_diagram_set_marks_with_their_notes(tmp_path):
+    with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
+        tab = new_tab(run.address)
+        for number, note in enumerate(("start", "uphill"), 1):
+            tab.wait_for("document.querySelector('#marks button:enabled') !== null")
+            tab.click(f"#marks button:nth-child({number})")
+            tab.wait_for(f"document.getElementById('log').innerText.includes('Mark {number}: {note}')")
+        tab.press(" ", "Space")
+        assert run.end()[0] == 0
+    notes = [event["text"] for event in run.files.sidecar["events"] if event["event"] == "note"]
+    assert notes == ["start", "uphill"]

@@ -166,6 +166,24 @@ def test_no_page_arms_a_drive(tmp_path):
         page.until(lambda: page.status["refused"] == 3)
 
 
+@pytest.mark.hazard("H1k")
+def test_page_of_the_subject_may_stop_the_run_and_do_nothing_else(tmp_path):
+    with running(tmp_path) as run:
+        subject = run.page(place="/watching")
+        assert subject.hello["role"] == "view"
+        for order in (
+            {"do": "operate", "take": True},
+            {"do": "mark", "id": 1},
+            {"do": "set", "id": 2, "changes": [[subject.index(GAIN), 0.5]]},
+        ):
+            subject.send(**order)
+        subject.until(lambda: subject.status["refused"] == 3)
+        assert [page["operates"] for page in subject.status["pages"]] == [False]
+        subject.send(do="stop")
+        assert run.end()[0] == 0
+    assert [event["event"] for event in run.files.sidecar["events"] if "by" in event] == ["stop"]
+
+
 # Hostile pages
 
 HOSTILE = [
