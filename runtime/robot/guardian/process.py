@@ -55,7 +55,7 @@ from runtime.robot.guardian.stop import SafeStop, decoded, frames_of_stop
 from runtime.robot.guardian.wires import SHARED, CannotOpen, load, open_wire
 
 if TYPE_CHECKING:
-    from runtime.robot.guardian.plan_types import PlanBus, PlanLock, StopDevice
+    from runtime.robot.guardian.plan_types import Plan
 
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
@@ -72,9 +72,31 @@ def main(answers: int, control: int, shared: int, lines: int, bell: int) -> None
     remove_mark()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
-    guardian = Guardian(SharedState(fd=shared), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
+    received = receive_plan(control)
+    if received is None:
+        return
+    opened = SharedState(fd=shared), Lines(fd=lines) if lines >= 0 else None
+    guardian = Guardian(*opened, bell, answers, control, *received)
     if guardian.prepare():
         guardian.run()
+
+
+def receive_plan(control: int) -> tuple[Plan, bytes] | None:
+    """Wait for the plan. Returns it and what follows it; None if the run has ended.
+
+    control : pidfd of the control process
+    """
+    poll, received = select.poll(), b""
+    for descriptor in (control, ORDERS):
+        poll.register(descriptor, select.POLLIN)
+    while b"\n" not in received:
+        ready = [descriptor for descriptor, _ in poll.poll()]
+        data = b"" if control in ready else os.read(ORDERS, 1 << 20)
+        if not data:
+            return None
+        received += data
+    line, _, rest = received.partition(b"\n")
+    return None if received.endswith(b"release\n") else (json.loads(line), rest)
 
 
 class Guardian:
@@ -83,11 +105,21 @@ class Guardian:
     shared, lines : shared state and lines of the run; lines is None if the loop drives every bus itself
     bell : eventfd that the loop signals, or -1
     answers, control : file descriptors of the pipe for answers, and of the control process (pidfd)
+    received : orders that have followed the plan
     """
 
-    def __init__(self, shared: SharedState, lines: Lines | None, bell: int, answers: int, control: int) -> None:
+    def __init__(
+        self,
+        shared: SharedState,
+        lines: Lines | None,
+        bell: int,
+        answers: int,
+        control: int,
+        plan: Plan,
+        received: bytes = b"",
+    ) -> None:
         self.shared, self.lines, self.bell, self.answers, self.control = shared, lines, bell, answers, control
-        self.received = b""
+        self.received = received
         # dead: its loop; gone: the whole process, which may take 20 ms longer
         # cut off: it no longer has the pipe for orders; ordered: it waits for the end of the stop
         self.released = self.dead = self.gone = self.cut_off = self.reported = self.ordered = False
@@ -95,29 +127,26 @@ class Guardian:
         self.in_send = False  # whether the loop was in a send when the fence was raised, and may still be
         self.messages = StopMessages()
         self.stuck_at = None  # ns at which to check whether the block still hangs
-        self.carried, self.relays = [], []  # carried: (index of the bus, line)
-        self.successors: list[tuple[int | None, Successor]] = []  # (index of a bus that is being taken over, its end)
+        self.buses, self.items, self.priority = plan["buses"], plan["items"], plan["priority"]
+        self.devices = [decoded(device) for device in plan["devices"]]
+        self.relays = [*plan["relays"]]
+        self.limit = int(plan["limit"] * 1e9)
+        self.carried = [(index, bus["line"]) for index, bus in enumerate(self.buses) if bus["line"] is not None]
+        self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
+        # of buses that are being taken over: (index, end of the connection)
+        self.successors = [
+            (lock["bus"], Successor(lock["handover"])) for lock in plan["locks"] if lock["handover"] >= 0
+        ]
         self.attend = 0  # ns at which their drives get the next frames
         self.poll = select.poll()
-        self.follow([], [], [])
+        self.interfaces = Interfaces(self.buses, self.devices, self.poll, lines)
+        self.wires = self.interfaces.wires
+        self.handover = Handover(plan["locks"], self.interfaces)
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
 
     def prepare(self) -> bool:
-        """Receive the plan, open the wires, request privileges. Returns False if the run must not start."""
-        while b"\n" not in self.received and not (self.gone or self.released):
-            self._handle_events(None)
-        if self.gone or self.released:
-            return False
-        line, _, self.received = self.received.partition(b"\n")
-        plan = json.loads(line)
-        self.follow(plan["buses"], [decoded(device) for device in plan["devices"]], plan["locks"])
-        self.limit = int(plan["limit"] * 1e9)
-        self.items, self.relays = plan["items"], plan["relays"]
-        self.successors = [
-            (lock["bus"], Successor(lock["handover"])) for lock in plan["locks"] if lock["handover"] >= 0
-        ]
-        self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
+        """Open the wires, request privileges. Returns False if the run must not start."""
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
             try:
@@ -130,8 +159,8 @@ class Guardian:
         for index, _ in self.carried:
             self.interfaces.listen(index)
         self.groups = control_group.enter()
-        granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(plan["priority"])
-        self.owner_death = OwnerDeathWatcher(self.shared, plan["priority"] or 0)
+        granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(self.priority)
+        self.owner_death = OwnerDeathWatcher(self.shared, self.priority or 0)
         self.poll.register(self.owner_death.fd, select.POLLIN)
         self.shared.take_guard()
         self.shared.look_after(time.monotonic_ns())
@@ -139,14 +168,6 @@ class Guardian:
         modules = [name for name in sys.modules if name not in known]
         self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
         return True
-
-    def follow(self, buses: list[PlanBus], devices: list[StopDevice], locks: list[PlanLock]) -> None:
-        """Take over these parts of the plan. devices : as `decoded` returns them"""
-        self.buses, self.devices = buses, devices
-        self.carried = [(index, bus["line"]) for index, bus in enumerate(buses) if bus["line"] is not None]
-        self.interfaces = Interfaces(buses, devices, self.poll, self.lines)
-        self.wires = self.interfaces.wires
-        self.handover = Handover(locks, self.interfaces)
 
     def _open(self, index, bus):
         """Open the wire of a bus of the plan. Raises CannotOpen."""
@@ -263,9 +284,7 @@ class Guardian:
             else:
                 data = os.read(ORDERS, 1 << 20)
                 self.received += data
-                if self.owner_death is not None:  # the plan is complete
-                    self._follow_orders()
-                self.released = self.released or data.endswith(b"release\n")
+                self._follow_orders()
                 if not data:
                     self.poll.unregister(ORDERS)
                     if maps(self.shared.control, self.shared.fd):

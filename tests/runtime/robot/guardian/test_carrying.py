@@ -20,7 +20,7 @@ from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import HANG_REPORT_DELAY
 from graph import Block, Diagram, Input, Output, compile
 from runtime.robot.guardian import plan
-from runtime.robot.guardian.process import Guardian, decoded
+from runtime.robot.guardian.process import Guardian
 from tests.cext.rigs import one_drive
 
 ENABLE, NOTHING, DISABLE, TORQUE = (
@@ -60,17 +60,14 @@ class Carrying:
         self.ends = [Line(self.lines, number).end for number in range(2)]
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
-        self.guardian = guardian = Guardian(self.shared, self.lines, -1, self.orders, read)
         with Diagram("robot", rate=200) as robot:
             for bus in range(2):
                 CubeMars("AK80-9", can_id=1, bus=f"{bus}", name=f"{bus}")(torque_command=0.0)
         planned = json.loads(json.dumps(plan([], compile(robot), None)))
-        devices = [decoded(device) for device in planned["devices"]]
-        guardian.follow([{"name": f"{bus}", "line": bus} for bus in range(2)], devices, [])
-        guardian.items, guardian.limit = ["law"], 40_000_000
-        guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
+        planned |= {"buses": [{"name": f"{bus}", "line": bus} for bus in range(2)], "items": ["law"], "limit": 0.04}
+        self.guardian = Guardian(self.shared, self.lines, -1, self.orders, read, planned)
         for bus, wire in enumerate(self.wires):
-            guardian.interfaces.add(bus, wire)
+            self.guardian.interfaces.add(bus, wire)
 
     def queue(self, *frames):
         """The loop sends these, on both buses."""
