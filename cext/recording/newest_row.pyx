@@ -1,8 +1,9 @@
 # cython: freethreading_compatible=True
-"""Newest row of a run, for a program beside it. It takes nothing out of the ring, and the run does not wait for it.
+"""Newest row of a run, for a program beside it, and the extremes of those before. It takes nothing out of the ring, and
+the run does not wait for it.
 
-A record may be overwritten once the ring's tail, which the recorder moves, has passed it: what was read before the tail
-is read is valid if the tail has not passed it (a seqlock, with the tail as its number).
+What was read of a record is valid if afterwards the ring's head is less than half of the ring past it: the head moves
+with each record, and the space of a record is written again after a whole ring (a seqlock, with the head as its number).
 """
 
 import numpy as np
@@ -11,10 +12,10 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy
 
 from cext.atomics cimport fence_acquire, load_u64
-from cext.memory.shared_state cimport ROW, Header, SharedLayout, SharedState, read_header, record_at
+from cext.memory.shared_state cimport ROW, Header, SharedLayout, SharedState, own, read_header, record_at
 
 cdef enum:
-    ATTEMPTS = 8                # a recorder that keeps up frees records twice a second
+    ATTEMPTS = 8                # the head moves on while the rows are read
 
 
 cdef class NewestRow:
@@ -24,49 +25,78 @@ cdef class NewestRow:
     columns : number of its recorded signals
 
     values : float64 array (columns,) of the newest row that `look` has found
+    first, second : float64 arrays (columns,), smallest and largest value of the rows since the `look` before, in the
+        order of time; NaN is none of them
     """
 
     cdef SharedState shared
     cdef uint64_t cursor
     cdef uint32_t size          # bytes of a row
-    cdef readonly object values
-    cdef double[:] row
+    cdef readonly object values, first, second
+    cdef double[:] row, low, high
+    cdef double[:] earlier, later  # of low and high
+    cdef int64_t[:] low_at, high_at
     cdef readonly int64_t tick  # tick of that row; -1 before the first
 
     def __init__(self, SharedState shared, int columns):
         self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1
         row = np.full(2 + columns, np.nan)
         self.row, self.values = row, row[2:]
+        self.first, self.second = np.full(columns, np.nan), np.full(columns, np.nan)
+        self.earlier, self.later = self.first, self.second
+        self.low, self.high = np.empty(columns), np.empty(columns)
+        self.low_at, self.high_at = np.zeros(columns, np.int64), np.zeros(columns, np.int64)
         self.cursor = load_u64(&shared.layout.tail)
 
+    cdef bint intact(self, uint64_t place) noexcept:
+        """Return whether what was read of a record is valid."""
+        fence_acquire()
+        return load_u64(&self.shared.layout.head) - place <= own(self.shared.layout).capacity // 2
+
+    cdef void fold(self, int64_t number) noexcept:
+        """Take the row into the extremes. number : of the row, 0 for the first one"""
+        cdef Py_ssize_t index
+        cdef double value
+        for index in range(self.low.shape[0]):
+            value = self.row[2 + index]
+            if number == 0 or value < self.low[index] or self.low[index] != self.low[index]:
+                self.low[index], self.low_at[index] = value, number
+            if number == 0 or value > self.high[index] or self.high[index] != self.high[index]:
+                self.high[index], self.high_at[index] = value, number
+
     def look(self) -> bool:
-        """Read the newest row. Returns whether it is newer than the one before."""
+        """Read the newest row, and those before it. Returns whether it is newer than the one before."""
         cdef SharedLayout *layout = self.shared.layout
-        cdef uint64_t head, place, found
+        cdef uint64_t head, place
+        cdef int64_t count
         cdef Header header
-        cdef bint any, valid
-        cdef int attempt
-        for attempt in range(ATTEMPTS):
-            place = max(self.cursor, load_u64(&layout.tail))
+        cdef Py_ssize_t index
+        for _ in range(ATTEMPTS):
+            if not self.intact(self.cursor):
+                self.cursor = max(self.cursor, load_u64(&layout.tail))     # the rows between are lost to this reader
+            place, count = self.cursor, 0
             head = load_u64(&layout.head)
-            found, any = 0, False
             while place < head:
-                valid = read_header(layout, place, head, &header)
-                fence_acquire()
-                if load_u64(&layout.tail) > place or not valid:
-                    break                                          # overwritten, perhaps
+                if not read_header(layout, place, head, &header) or not self.intact(place):
+                    break
                 if header.kind == ROW and header.bytes == self.size:
-                    found, any = place, True
+                    memcpy(&self.row[0], <char *>record_at(layout, place) + sizeof(Header), self.size)
+                    if not self.intact(place):
+                        break
+                    self.fold(count)
+                    count += 1
                 place += sizeof(Header) + header.bytes
             if place < head:
                 self.cursor = load_u64(&layout.tail)
                 continue
             self.cursor = place
-            if not any:
+            if count == 0:
                 return False
-            memcpy(&self.row[0], <char *>record_at(layout, found) + sizeof(Header), self.size)
-            fence_acquire()
-            if load_u64(&layout.tail) <= found:
-                self.tick = <int64_t>self.row[0]
-                return True
+            self.tick = <int64_t>self.row[0]
+            for index in range(self.low.shape[0]):
+                if self.low_at[index] <= self.high_at[index]:
+                    self.earlier[index], self.later[index] = self.low[index], self.high[index]
+                else:
+                    self.earlier[index], self.later[index] = self.high[index], self.low[index]
+            return True
         return False

@@ -26,17 +26,20 @@ if TYPE_CHECKING:
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 
 
-def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], str] = str) -> Drawing:
+def draw(
+    diagram: Diagram, *, all_ports: bool = False, values: bool = False, place: Callable[[Any], str] = str
+) -> Drawing:
     """Lay out the Drawing of a diagram, which may have errors.
 
     all_ports : include the ports that are not wired
+    values : leave room for a value beside each output
     place : converts the Location of a block to text
     """
     from graph.drawing.compose import Picture, collect, lay_out  # imports networkx: 20 MB and 0.1 s
 
     found = examine(diagram)
     root = outline(diagram, found.taps)
-    laid = lay_out(root, found, all_ports)
+    laid = lay_out(root, found, all_ports, values)
     picture = Picture()
     collect(root, MARGIN, MARGIN, found, picture)
     targets = wired_to(diagram, found)

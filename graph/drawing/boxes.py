@@ -42,11 +42,12 @@ class Plan:
     height: float
 
 
-def plan(block: Block, found: Compilation, all_ports: bool, links: Collection[Link], every: int) -> Plan:
+def plan(block: Block, found: Compilation, all_ports: bool, values: bool, links: Collection[Link], every: int) -> Plan:
     """Return the Plan of a block.
 
     found : graph.compilation.Compilation
     all_ports : include ports without a wire
+    values : leave room for a value beside each output
     links : the Links of its level
     every : rate divisor of its level
     """
@@ -68,6 +69,8 @@ def plan(block: Block, found: Compilation, all_ports: bool, links: Collection[Li
         name: f"= {cards.quantity(value, '1') if not hasattr(value, '__len__') else 'array'}"
         for name, value in constants.items()
     }
+    if values:
+        notes |= {name: value_room(block, found, name) for name in block.outputs if name in right}
 
     kind = type(block).__name__
     name = block.path.rpartition("/")[2]
@@ -114,3 +117,11 @@ def plan(block: Block, found: Compilation, all_ports: bool, links: Collection[Li
         width,
         round(height),
     )
+
+
+def value_room(block: Block, found: Compilation, name: str) -> str:
+    """Return a text as wide as a value of an output, "" for more than three elements."""
+    elements = math.prod(found.shapes[block, name])
+    if elements > 1:
+        return " ".join(["−00.0"] * elements) if elements <= 3 else ""
+    return "yes" if block.outputs[name].dtype == "bool" else cards.quantity(-888.8, found.units[block, name])

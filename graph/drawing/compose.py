@@ -58,15 +58,15 @@ class Laid:
         ]
 
 
-def lay_out(level: Level, found: Compilation, all_ports: bool) -> Laid:
+def lay_out(level: Level, found: Compilation, all_ports: bool, values: bool) -> Laid:
     """Return the Laid of a level, and set `level.laid` of it and of all levels inside."""
     nodes: dict[Block | Level, Node] = {}
     pins: dict[Key, Node] = {}
     for thing in level.things:
         if isinstance(thing, Level):
-            nodes[thing] = frame_node(thing, found, all_ports)
+            nodes[thing] = frame_node(thing, found, all_ports, values)
         else:
-            box = boxes.plan(thing, found, all_ports, level.links.values(), level.every)
+            box = boxes.plan(thing, found, all_ports, values, level.links.values(), level.every)
             nodes[thing] = Node(box, box.width, box.height, box.left, box.right, eager=isinstance(thing, Device))
     for key in level.pins:
         if key[0] != "enabled":
@@ -88,9 +88,9 @@ def lay_out(level: Level, found: Compilation, all_ports: bool) -> Laid:
     return level.laid
 
 
-def frame_node(level: Level, found: Compilation, all_ports: bool) -> Node:
+def frame_node(level: Level, found: Compilation, all_ports: bool, values: bool) -> Node:
     """Return the node of a subsystem in the enclosing level."""
-    inner = lay_out(level, found, all_ports)
+    inner = lay_out(level, found, all_ports, values)
     heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
     inner.width = max(inner.width, math.ceil(heading + 4 * FRAME_PADDING))
     for index, (edge, points, joints, back) in enumerate(inner.lines):  # pins are on the edge of the frame
@@ -299,7 +299,10 @@ def box(node: Node, x: float, y: float, level: Level) -> Box:
         Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports)
         for key, offset in plan.left.items()
     ]
-    ports += [Port(plan.labels[key], "out", x + node.width, y + offset) for key, offset in plan.right.items()]
+    ports += [
+        Port(plan.labels[key], "out", x + node.width, y + offset, plan.notes.get(key, ""))
+        for key, offset in plan.right.items()
+    ]
     return Box(
         plan.block.path,
         level.path,

@@ -112,6 +112,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
         "secret": os.urandom(16).hex(),
+        "drawing": drawn(prepared.diagram) if any(sink["service"] == "panel" for sink in sinks) else None,
         "metadata": {
             "diagram_file": str(request.file),
             "source_sha256": prepared.source_sha256,
@@ -126,6 +127,13 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
             else {"file": str(rig.rig.path), "text": rig.rig.text, "settings": rig.streams.settings},
         },
     }
+
+
+def drawn(diagram: Diagram) -> str:
+    """Return the drawing of a diagram as SVG, with room for the values of its signals."""
+    from graph.drawing import draw, svg  # for a panel alone
+
+    return svg(draw(diagram, values=True))
 
 
 def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float]]:

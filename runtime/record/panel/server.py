@@ -43,7 +43,7 @@ PAGES = {
     "/subject.css": ("subject.css", "text/css; charset=utf-8"),
     **{
         f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8")
-        for name in ("parameters", "plots", "subject", "text")
+        for name in ("diagram", "parameters", "plots", "subject", "text")
     },
     "/uPlot.js": ("uPlot.iife.min.js", "text/javascript; charset=utf-8"),
     "/uPlot.css": ("uPlot.min.css", "text/css; charset=utf-8"),

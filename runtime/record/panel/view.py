@@ -1,7 +1,8 @@
 """What a page shows of a run, read from its shared state.
 
 hello   once: name, signals, live parameters, limits
-frame   30 times a second: doubles FRAME_HEAD, then the newest value of each recorded signal
+frame   30 times a second: doubles FRAME_HEAD, then the newest value of each recorded signal, then the smallest and
+        the largest of its values since the frame before: first those that came earlier, then those that came later
 status  5 times a second, and at once when the state changes: JSON
 event   each event of the recording: JSON
 """
@@ -81,6 +82,7 @@ class View:
             "rate": self.plan["rate"],
             "duration": self.plan["duration"],
             "simulated": self.plan["simulated"],
+            "diagram": self.plan["drawing"],
             **{key: self.plan[key] for key in ("marks", "subject", "target", "stride")},
             "states": STATES,
             "signals": names.describe(signals),
@@ -88,10 +90,11 @@ class View:
         }
 
     def frame(self) -> bytes:
-        """Return the newest values of all signals, with their tick, -1 before the first one."""
+        """Return the newest values of all signals, with their tick, -1 before the first one, and the extremes."""
         self.row.look()
         state = STATES.index(self.shared.state)
-        return FRAME_HEAD.pack(self.row.tick, state) + self.row.values.astype("<f8").tobytes()
+        arrays = self.row.values, self.row.first, self.row.second
+        return FRAME_HEAD.pack(self.row.tick, state) + b"".join(array.astype("<f8").tobytes() for array in arrays)
 
     def status(self) -> dict[str, Any]:
         """Return state, statistics, live parameters and recording, for JSON."""

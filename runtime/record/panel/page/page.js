@@ -1,4 +1,5 @@
 // The page of the panel: one WebSocket, which brings doubles in binary messages and everything else as JSON.
+import { DiagramView } from "./diagram.js";
 import { Plots } from "./plots.js";
 import { Parameters } from "./parameters.js";
 import { capital, clock, element, number, withUnit } from "./text.js";
@@ -7,6 +8,8 @@ const LINK_TIMEOUT = 400;      // ms without a message, after which the link cou
 const STALL_TIMEOUT = 500;     // ms without a new tick
 const RECONNECT_PERIOD = 500;  // ms
 const TEXT_PERIOD = 100;       // ms; numbers that change faster cannot be read
+const DIAGRAM_PERIOD = 200;    // ms
+const NARROW = 700;            // px of a window that has no room for the diagram at first
 const HIGH = 0.95;             // share of a limit
 const HOT = 0.8;               // share of the temperature at which the run ends
 const SIDES = ["left", "right"];
@@ -27,9 +30,10 @@ const WORDS = {
 const $ = (id) => document.getElementById(id);
 const token = location.hash.slice(1);
 let socket = null, hello = null, status = null, values = null, tick = -1;
-let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, cells = [];
+let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, drawn = 0, cells = [];
 
 const plots = new Plots($("charts"), $("list"), $("filter"));
+const diagram = new DiagramView($("diagram"), $("drawing"), (indices) => plots.toggleAll(indices));
 const parameters = new Parameters($("parameters"), $("both"), send, $("tools"));
 
 // Link
@@ -97,6 +101,7 @@ function takeHello(message) {
   ended = false;
   end = null;
   advanced = performance.now();
+  plots.marks = [];
   $("log").replaceChildren(element("li", { className: "none" }, "No events yet"));
   $("fault").hidden = true;
   if (again) return;
@@ -111,24 +116,32 @@ function takeHello(message) {
   parameters.build(hello.parameters, hello.name);
   $("adjust").hidden = !$("parameters").children.length;
   plots.build(hello);
+  $("average-label").hidden = !plots.strides;
+  $("drawing").hidden = !hello.diagram;
+  $("drawing").open = innerWidth > NARROW;
+  if (hello.diagram) diagram.build(hello.diagram, hello.signals);
+  diagram.marked((index) => plots.has(index));
 }
 
 function takeFrame(buffer) {
   if (!hello) return;
-  const doubles = new Float64Array(buffer);
-  if (doubles.length !== hello.signals.length + 2) return;
+  const doubles = new Float64Array(buffer), count = hello.signals.length;
+  if (doubles.length !== 2 + 3 * count) return;
   if (status) status.state = hello.states[doubles[1]];
   if (doubles[0] !== tick) {
     tick = doubles[0];
     advanced = performance.now();
-    values = doubles.subarray(2);
-    if (tick >= 0) plots.add(tick / hello.rate, values);
+    const [newest, first, second] = [0, 1, 2].map((place) => doubles.subarray(2 + place * count, 2 + (place + 1) * count));
+    values = newest;
+    if (tick >= 0) plots.add(tick / hello.rate, values, first, second);
   }
-  if (performance.now() - shown > TEXT_PERIOD) {
-    shown = performance.now();
+  const now = performance.now();
+  if (now - shown > TEXT_PERIOD) {
+    shown = now;
     for (const cell of cells) cell.slow();
     if (tick >= 0) $("time").textContent = clock((tick + 1) / hello.rate);
     if (!$("plots").hidden) plots.showValues(values);
+    if (!$("plots").hidden && $("drawing").open && now - drawn > DIAGRAM_PERIOD) { drawn = now; diagram.show(values); }
   }
   if (!$("plots").hidden) plots.draw();
 }
@@ -164,6 +177,7 @@ function takeEvent(event) {
     const time = Number.isFinite(event.tick) && event.tick >= 0 ? clock(event.tick / hello.rate) : "";
     list.prepend(element("li", {}, element("time", {}, time), element("span", {}, text)));
   }
+  if (event.event === "mark") plots.marks.push({ time: event.tick / hello.rate, text: String(event.number) });
   if ((event.event === "end" || event.event === "fault") && event.status && event.status !== "ok") showFault(event);
   else if (event.event === "rearm") $("fault").hidden = true;
   if (event.unconfirmed?.length) showFault(event);
@@ -383,6 +397,7 @@ $("pause").addEventListener("click", () => $("pause").setAttribute("aria-pressed
 $("pause").addEventListener("click", () => { $("pause").textContent = plots.paused ? "Go on" : "Pause"; });
 $("span").addEventListener("change", () => plots.setSpan(Number($("span").value)));
 $("clear").addEventListener("click", () => plots.clear());
+$("average").addEventListener("change", () => plots.setAverage($("average").checked));
 addEventListener("resize", () => plots.resize());
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.rebuild());
 

@@ -1,8 +1,11 @@
 // Plots of the last seconds: signals of one port and unit share a plot, so that left and right can be compared.
-import { element, number, withUnit } from "./text.js";
+import { element, nearest, number, withUnit } from "./text.js";
 
 const KEPT = 60;            // s
-const SAMPLES = 30 * KEPT;
+const PARTS = 3;            // samples of a frame: the extremes of its ticks, and the newest one
+const SAMPLES = 30 * PARTS * KEPT;
+const BINS = 50;            // of a stride
+const AVERAGE_PERIOD = 1000;  // ms
 const PLOT_LIMIT = 12;
 const FIRST = ["position", "torque"];  // of actuators, plotted at the start
 const HEIGHT = 210;         // px
@@ -12,10 +15,12 @@ const LIGHT = ["#0072b2", "#d55e00", "#007a5a", "#a3487f", "#8a6d00", "#3a3f45"]
 const DARK = ["#56b4e9", "#f0883e", "#2fc79c", "#e39ac6", "#f0e442", "#d5dae1"];
 const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [5, 5], [1, 5]];
 
+const shown = (plot, value) => (value === null || value === undefined ? "–" : number(value));
+
 export class Plots {
   constructor(place, list, filter) {
     this.place = place; this.list = list; this.filter = filter;
-    this.charts = new Map(); this.span = 10; this.paused = false; this.count = 0; this.zoomed = false;
+    this.charts = new Map(); this.span = 10; this.paused = false; this.count = 0; this.zoomed = false; this.average = false;
     filter.addEventListener("input", () => this.find());
   }
 
@@ -24,6 +29,12 @@ export class Plots {
     this.count = 0;
     this.times = new Float64Array(2 * SAMPLES);
     this.columns = hello.signals.map(() => new Float64Array(2 * SAMPLES));
+    this.phases = hello.signals.map(({ path }) => nearest(hello.signals, path, ["phase"]));
+    this.walks = this.phases.map((phase) => phase < 0 ? -1 :
+      hello.signals.findIndex(({ path }) => path === hello.signals[phase].path.replace(/phase$/, "walking")));
+    this.strides = this.phases.some((phase) => phase >= 0);
+    this.averages = new Map();
+    this.marks = [];  // {time in s, text} of each mark
     this.cells = [];
     this.clear();
     this.list.replaceChildren();
@@ -45,14 +56,28 @@ export class Plots {
           this.toggle(places.get(path.replace(/torque$/, port)), true);
   }
 
-  // time in s; values: of all signals
-  add(time, values) {
+  // time in s; values: of all signals; first, second: their extremes since the frame before, in the order of time
+  add(time, values, first, second) {
+    const last = this.count - 1, step = (time - this.times[last]) / PARTS;
+    if (first && last >= 0 && step > 0) {
+      const begin = this.times[last], before = this.columns.map((column) => column[last]);
+      for (let part = 1; part < PARTS; part += 1)
+        this.push(begin + part * step, (index, factor) => {
+          const from = before[index], to = values[index] * factor, a = first[index] * factor, b = second[index] * factor;
+          const extreme = Math.min(a, b) < Math.min(from, to) || Math.max(a, b) > Math.max(from, to);
+          return extreme || this.hello.signals[index].dtype !== "float" ? (part === 1 ? a : b) : from + ((to - from) * part) / PARTS;
+        });
+    }
+    this.push(time, (index, factor) => values[index] * factor);
+  }
+
+  push(time, read) {
     if (this.count === 2 * SAMPLES) {
       for (const column of [this.times, ...this.columns]) column.copyWithin(0, SAMPLES);
       this.count = SAMPLES;
     }
     this.times[this.count] = time;
-    this.columns.forEach((column, index) => { column[this.count] = values[index] * this.hello.signals[index].factor; });
+    this.columns.forEach((column, index) => { column[this.count] = read(index, this.hello.signals[index].factor); });
     this.count += 1;
   }
 
@@ -69,6 +94,14 @@ export class Plots {
     this.cells[index].box.checked = on;
     this.charts.set(key, chart);
     this.make(key);
+  }
+
+  has(index) { return this.cells[index].box.checked; }
+
+  // Plot signals, or no longer if all are plotted.
+  toggleAll(indices) {
+    const on = !indices.every((index) => this.has(index));
+    for (const index of indices) if (this.has(index) !== on) this.toggle(index, on);
   }
 
   make(key) {
@@ -94,22 +127,81 @@ export class Plots {
       width: Math.max(200, chart.body.clientWidth), height: HEIGHT, ms: 1e-3,
       scales: { x: { time: false } },
       cursor: { sync: { key: "tickwork" }, drag: { x: true, y: false } },
-      hooks: { setSelect: [() => { this.zoomed = true; }] },
+      hooks: { setSelect: [() => { this.zoomed = true; }], draw: [(plot) => this.drawMarks(plot, axis.stroke)] },
       axes: [{ ...axis, label: "time (s)", labelSize: 20, size: 34 },
         { ...axis, label: UNITS[unit] || unit || "value", labelSize: 20, size: 52, values: (plot, ticks) => ticks.map((each) => String(each).replace("-", "−")) }],
       series: [{ label: "time", value: (plot, value) => (value === null ? "–" : `${value.toFixed(2)} s`) },
         ...chart.indices.map((index, place) => ({
           label: this.hello.signals[index].block, width: 2,
           stroke: colours[place % colours.length], dash: DASHES[place % DASHES.length], points: { show: false },
-          value: (plot, value) => (value === null || value === undefined ? "–" : number(value)),
+          value: shown,
+        })),
+        ...this.averaged(chart).map((index) => ({
+          label: `${this.hello.signals[index].block}, average stride`, width: 1.5, stroke: axis.stroke, dash: [2, 2], points: { show: false },
+          value: shown,
         }))],
     }, this.data(chart), chart.body);
     chart.body.addEventListener("dblclick", () => { this.zoomed = false; });
   }
 
+  // Vertical lines at the marks.
+  drawMarks({ ctx, bbox, valToPos }, colour) {
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = colour;
+    ctx.lineWidth = devicePixelRatio;
+    ctx.setLineDash([4 * devicePixelRatio, 3 * devicePixelRatio]);
+    ctx.textAlign = "left";
+    for (const { time, text } of this.marks) {
+      const x = valToPos(time, "x", true);
+      if (!(x >= bbox.left && x <= bbox.left + bbox.width)) continue;
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+      ctx.fillText(text, x + 4 * devicePixelRatio, bbox.top + 12 * devicePixelRatio);
+    }
+    ctx.restore();
+  }
+
   data(chart) {
     const first = this.start(), from = (column) => column.subarray(first, this.count);
-    return [from(this.times), ...chart.indices.map((index) => from(this.columns[index]))];
+    return [from(this.times), ...chart.indices.map((index) => from(this.columns[index])),
+      ...this.averaged(chart).map((index) => this.overlay(index, first))];
+  }
+
+  // Signals of a chart whose average stride is laid over them.
+  averaged(chart) { return this.average ? chart.indices.filter((index) => this.phases[index] >= 0) : []; }
+
+  setAverage(on) {
+    this.average = on;
+    this.rebuild();
+    this.zoomed = false;
+  }
+
+  // The average stride of a signal at the gait phase of each sample from `first` on.
+  overlay(index, first) {
+    const phases = this.columns[this.phases[index]], walks = this.columns[this.walks[index]], mean = this.meanOf(index, phases, walks);
+    const made = new Array(this.count - first);
+    for (let place = first; place < this.count; place += 1) {
+      const at = phases[place] * BINS, low = Math.min(BINS - 1, Math.floor(at));
+      made[place - first] = at >= 0 && at <= BINS && (!walks || walks[place]) ? mean[low] + (mean[low + 1] - mean[low]) * (at - low) : NaN;
+    }
+    return made.map((value) => (Number.isFinite(value) ? value : null));
+  }
+
+  // Mean of a signal at 0, 1/BINS, ... 1 of the gait phase, over the samples that are kept.
+  meanOf(index, phases, walks) {
+    const known = this.averages.get(index), now = performance.now();
+    if (known && now - known.at < AVERAGE_PERIOD) return known.mean;
+    const sums = new Float64Array(BINS + 1), counts = new Float64Array(BINS + 1), column = this.columns[index];
+    for (let place = Math.max(0, this.count - SAMPLES); place < this.count; place += 1) {
+      const bin = Math.round(phases[place] * BINS);
+      if (bin >= 0 && bin <= BINS && Number.isFinite(column[place]) && (!walks || walks[place])) { sums[bin] += column[place]; counts[bin] += 1; }
+    }
+    [sums[0], counts[0]] = [sums[BINS], counts[BINS]] = [sums[0] + sums[BINS], counts[0] + counts[BINS]];
+    const mean = sums.map((sum, bin) => sum / counts[bin]);
+    this.averages.set(index, { mean, at: now });
+    return mean;
   }
 
   // Index of the first sample that is shown.

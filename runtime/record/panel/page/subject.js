@@ -1,6 +1,6 @@
 // The page for the subject: one value in large digits, its target band, and the last strides or seconds. It shows a run,
 // and its space bar stops it; the server gives it no other right.
-import { element, number, withUnit } from "./text.js";
+import { element, nameOf, nearest, number, withUnit } from "./text.js";
 
 const LINK_TIMEOUT = 400;      // ms without a message, after which the link counts as lost
 const RECONNECT_PERIOD = 500;  // ms
@@ -19,7 +19,7 @@ const FOLD = {                 // [from before the stride, with each sample, at 
 const $ = (id) => document.getElementById(id);
 const token = location.hash.slice(1), chosen = new URLSearchParams(location.search);
 let socket = null, hello = null, signal = null, heard = 0, opened = 0, over = false, asked = "", tick = -1, advanced = 0, shown = 0;
-let band = null, stride = "", counter = null, points = [], folded = null, before = NaN;
+let band = null, stride = "", counter = -1, points = [], folded = null, before = NaN;
 
 // Link
 
@@ -86,14 +86,11 @@ function build(message) {
   show();
 }
 
-// "knee position, left"
-const nameOf = ({ block, port }) => block.replace(/(, (?:left|right))?$/, ` ${port}$1`);
-
 function show() {
   const index = hello.signals.findIndex((each) => each.path === $("signal").value);
   signal = index < 0 ? null : { ...hello.signals[index], index };
-  counter = signal && $("stride").value ? strideSignal(signal.path) : null;
-  stride = counter ? $("stride").value : "";
+  counter = signal && $("stride").value ? nearest(hello.signals, signal.path, ["strides", "phase"]) : -1;
+  stride = counter < 0 ? "" : $("stride").value;
   const [low, high] = ["low", "high"].map((id) => Number.parseFloat($(id).value));
   band = low < high ? [low, high] : null;
   points = [];
@@ -110,37 +107,25 @@ function show() {
   showValue(NaN);
 }
 
-// The number of strides, else the gait phase, of the innermost subsystem around a signal that has one.
-function strideSignal(path) {
-  for (let around = path.split(".")[0]; ; ) {
-    const end = around.lastIndexOf("/");
-    around = end < 0 ? "" : around.slice(0, end);
-    for (const port of ["strides", "phase"]) {
-      const index = hello.signals.findIndex((each) => each.path.endsWith(`.${port}`) && folderOf(each.path) === around);
-      if (index >= 0) return { index, wraps: port === "phase" };
-    }
-    if (!around) return null;
-  }
-}
-
-const folderOf = (path) => path.slice(0, Math.max(0, path.lastIndexOf("/")));
-
 function takeFrame(doubles) {
   if (!hello) return;
-  const values = doubles.subarray(2, 2 + hello.signals.length);
+  const count = hello.signals.length, head = doubles.length - 3 * count;
+  const [values, first, second] = [0, 1, 2].map((place) => doubles.subarray(head + place * count, head + (place + 1) * count));
   if (doubles[0] === tick) return;
   tick = doubles[0];
   advanced = performance.now();
   if (!signal || tick < 0) return;
   const time = tick / hello.rate, value = values[signal.index] * signal.factor;
   if (stride) {
-    const count = values[counter.index], ended = counter.wraps ? before - count > WRAP : count > before;
+    const now = values[counter], ended = hello.signals[counter].path.endsWith(".phase") ? before - now > WRAP : now > before;
     if (ended) {
       if (folded !== null) points.push([time, (FOLD[stride][2] ?? ((so) => so))(folded)]);
       folded = FOLD[stride][0]();
     }
-    before = count;
-    if (folded !== null && Number.isFinite(value)) folded = FOLD[stride][1](folded, value);
+    before = now;
+    const ticks = stride === "maximum" || stride === "minimum" ? [first, second, values] : [values];   // each spike counts
+    for (const each of folded === null ? [] : ticks)
+      if (Number.isFinite(each[signal.index])) folded = FOLD[stride][1](folded, each[signal.index] * signal.factor);
     points = points.slice(-STRIDES);
   } else {
     points.push([time, value]);

@@ -32,3 +32,19 @@ export function clock(seconds) {
 }
 
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
+// "knee position, left"
+export const nameOf = ({ block, port }) => block.replace(/(, (?:left|right))?$/, ` ${port}$1`);
+
+const folderOf = (path) => path.slice(0, Math.max(0, path.lastIndexOf("/")));
+
+// Index of the first of some ports in the innermost subsystem around a signal that has one, -1 without.
+export function nearest(signals, path, ports) {
+  for (let around = folderOf(path); ; around = folderOf(around)) {
+    for (const port of ports) {
+      const index = signals.findIndex((each) => each.path.endsWith(`.${port}`) && folderOf(each.path) === around);
+      if (index >= 0) return index;
+    }
+    if (!around) return -1;
+  }
+}

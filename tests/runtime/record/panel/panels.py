@@ -134,6 +134,7 @@ class Page:
         message = self.socket.recv(timeout=timeout)
         if isinstance(message, bytes):
             tick, state, *values = struct.unpack(f"<{len(message) // 8}d", message)
+            values, self.extremes = values[: len(values) // 3], values[len(values) // 3 :]
             self.frames.append((int(tick), self.hello["states"][int(state)], values))
             return
         message = json.loads(message)

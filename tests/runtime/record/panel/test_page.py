@@ -222,6 +222,51 @@ def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
         assert "FAULT at left/knee" in tab.evaluate("document.querySelector('#fault pre').textContent")
 
 
+def test_diagram_shows_values_at_its_ports_and_a_click_on_one_plots_it(opened):
+    _, tab = opened
+    tab.evaluate("document.getElementById('tab-plots').click()")
+    tab.evaluate("drawing = document.getElementById('diagram').shadowRoot")
+    ports = "[...drawing.querySelectorAll('[data-path=\"left/law\"] .signal')]"
+    tab.evaluate(f"port = {ports}.find((it) => it.textContent.startsWith('torque'))")
+    first = tab.wait_for("/^torque \\S+ N·m$/.test(port.textContent) && port.textContent")
+    tab.wait_for(f"port.textContent !== {first!r}")
+    wire = "drawing.querySelector('.line[data-signal=\"left/law.torque\"]')"
+    tab.wait_for(f"Number({wire}.style.getPropertyValue('--pulse')) > 0")
+    box = "document.querySelector('#list [data-path=\"left/law.torque\"] input')"
+    assert (
+        not tab.evaluate(f"{box}.checked")
+        and tab.evaluate("port.getAttribute('aria-label')") == "plot torque of law, left"
+    )
+    tab.evaluate("port.dispatchEvent(new MouseEvent('click'))")
+    assert tab.evaluate(f"{box}.checked && port.getAttribute('aria-pressed') === 'true'")
+    tab.evaluate(
+        "drawing.querySelector('.hit[data-signal=\"left/law.torque\"]').dispatchEvent(new MouseEvent('click'))"
+    )
+    assert not tab.evaluate(f"{box}.checked")
+    assert tab.problems == []
+
+
+def test_plots_draw_spikes_between_frames_and_the_average_stride(opened):
+    _, tab = opened
+    found = tab.evaluate("""(async () => {
+        const { Plots } = await import("/plots.js");
+        const list = document.createElement("ul"), filter = document.createElement("input");
+        const made = new Plots(document.createElement("div"), list, filter);
+        const signal = { block: "walk", shown: "m", factor: 1, dtype: "float" };
+        const ports = ["height", "phase"].map((port) => ({ ...signal, path: `walk.${port}`, port }));
+        made.build({ signals: ports });
+        for (let frame = 0; frame <= 90; frame += 1) {   // strides of 1 s with a height of 1, 2 and 3 m
+            const time = frame / 30, values = [1 + Math.floor(time), time % 1];
+            made.add(time, values, [frame === 40 ? 9 : values[0], values[1]], values);
+        }
+        const heights = [...made.columns[0].subarray(0, made.count)];
+        return { count: made.count, spikes: heights.filter((value) => value === 9).length,
+            mean: made.overlay(0, made.count - 40)[20] };
+    })()""")
+    assert (found["count"], found["spikes"]) == (1 + 3 * 90, 1)
+    assert found["mean"] == pytest.approx(2.0, abs=0.3)
+
+
 def test_subject_sees_each_stride_beside_the_target_band_and_can_only_stop(tmp_path):
     with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
         operates, tab = new_tab(run.address), new_tab(f"{run.address}subject")
