@@ -36,9 +36,9 @@ class Caveat(Struct, frozen=True):
 
 
 def check_torque(compilation: Any) -> None:
-    """Find the caveats of every actuator, and warn of them.
+    """Find the caveats of every actuator, and warn of them and of assumptions.
 
-    They are settings that differ from the table of the model, and modes whose command does not bound the torque.
+    Caveats are settings that differ from the table of the model, and modes whose command does not bound the torque.
     """
     for block in compilation.blocks:
         if not isinstance(block, Actuator):
@@ -46,6 +46,14 @@ def check_torque(compilation: Any) -> None:
         for deviation in compilation.attempt(block, block.deviations) or ():
             if not deviation.safe:
                 _warn_of_deviation(compilation, block, deviation)
+        for number, reason in compilation.attempt(block, block.assumptions) or ():
+            compilation.report(
+                "TW035",
+                f"its limit rests on {number}, which is assumed: {reason}",
+                block,
+                hint="compare one torque with a load cell before the robot is worn",
+                severity="warning",
+            )
         bound = compilation.torque_bounds.get(block.path)
         if bound is not None and bound.kind in ("drive", "none"):
             _warn_of_mode(compilation, block, bound)

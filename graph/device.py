@@ -244,6 +244,10 @@ class Actuator(Device):
         """Return the Deviations of its settings from the table of its model. By default it has no table."""
         return ()
 
+    def assumptions(self) -> Sequence[tuple[str, str]]:
+        """Return (number, reason) of each assumed number of its model on which its limit rests."""
+        return ()
+
     def winding(self) -> Winding:
         """Return the Winding of its motor. By default nothing is known of it."""
         return Winding()

@@ -42,6 +42,7 @@ CODES = {
     "TW032": "block from a local file",
     "TW033": "periodic value at a smooth input",
     "TW034": "limit after an integral",
+    "TW035": "limit on an assumed number",
 }
 
 

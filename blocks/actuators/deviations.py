@@ -10,9 +10,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from blocks.actuators.ranges import RANGES
+from blocks.actuators.sources import with_ranges
 from graph import Deviation
 
 TOLERANCE = 1e-6  # relative
+DISAGREEMENT = 0.02  # relative difference of two sources up to which the first is used without a statement of the rig
 UNITS = ("rad", "rad/s", "N·m/rad", "N·m·s/rad", "N·m")
 
 # effect of each range if the drive evaluates the law with that of the table, and if it only reports with it
@@ -29,6 +31,13 @@ IN_REPORTS = (
     "",
     "",
     "the torque is {0:.3g} times that reported",
+)
+BETWEEN = (  # the ranges of two sources
+    "the joint turns {:.3g} times as far as reported",
+    "the joint turns {:.3g} times as fast as reported",
+    "a stiffness gives {:.3g} times its torque",
+    "a damping gives {:.3g} times its torque",
+    "the drive gives {:.3g} times the commanded torque",
 )
 PROPERTIES = ("rated", "peak", "gear", "pole_pairs", "torque_constant")  # of a model, beside its encoded ranges
 
@@ -55,7 +64,7 @@ def of_ranges(block: Any, scales: Sequence[float], law: bool = True) -> Iterator
 
     scales : factors from motor to joint; law : whether the drive evaluates the law with its ranges
     """
-    spec = table_of(block) or block.spec
+    spec = with_ranges(table_of(block) or block.spec, block.ranges)
     for name, unit, wire, scale, effect in zip(RANGES, UNITS, block.wire, scales, IN_LAW if law else IN_REPORTS):
         own, table = wire / scale, getattr(spec, f"wire_{name}")
         if effect and differ(own, table):
@@ -63,6 +72,30 @@ def of_ranges(block: Any, scales: Sequence[float], law: bool = True) -> Iterator
             text = effect.format(factor, factor * block.torque_limit, block.torque_limit)
             yield Deviation(
                 f"wire_{name}", own, table, unit, f"the table of {spec.name}", if_correct(text), factor if law else None
+            )
+
+
+def of_sources(block: Any, scales: Sequence[float]) -> Iterator[Deviation]:
+    """Yield the Deviation of a model whose sources disagree on its ranges, unless `ranges` states those of the unit.
+
+    scales : factors from motor to joint
+    """
+    sets = getattr(block.spec, "range_sets", ())
+    if block.ranges or not sets:
+        return
+    for other in sets[1:]:
+        own = [wire / scale for wire, scale in zip(block.wire, scales)]
+        factors = [table / value for table, value in zip(other.values, own)]
+        effects = [words.format(factor) for words, factor in zip(BETWEEN, factors) if abs(factor - 1.0) > DISAGREEMENT]
+        if effects:
+            yield Deviation(
+                "ranges",
+                f"'', as {sets[0].name!r} ({sets[0].source.text})",
+                repr(other.name),
+                "1",
+                other.source.text,
+                f"{if_correct(', '.join(effects))}. Stiffness and damping cannot be read from the drive. Set ranges to "
+                f"{' or '.join(repr(each.name) for each in sets)}",
             )
 
 

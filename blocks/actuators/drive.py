@@ -7,6 +7,7 @@ from typing import Any
 
 from blocks.actuators.pose import Pose
 from blocks.actuators.ranges import Gear
+from blocks.actuators.sources import Sourced
 from blocks.actuators.watch import Watched
 from graph import Interval, Output, Param, Winding
 from graph.reach import Reach
@@ -91,6 +92,13 @@ class Drive(Watched, Pose, Gear):
             "velocity": Reach(Interval(-self.wire[1], self.wire[1]), f"command range of {name}"),
             "torque": Reach(Interval(-peak, peak), f"peak torque of {name}"),
         }
+
+    limit_columns: tuple[str, ...] = ("rated", "peak")  # of the model, on which the torque limit rests
+
+    def assumptions(self) -> list[tuple[str, str]]:
+        """Return (number, reason) of each assumed number on which the torque limit rests, unless a parameter has it."""
+        columns = [name for name in self.limit_columns if not getattr(self, name, None)]
+        return list(self.spec.assumed(*columns).items()) if isinstance(self.spec, Sourced) else []
 
     def winding(self) -> Winding:
         """Return the currents of the motor at the torque limit."""

@@ -91,7 +91,8 @@ class Emulated(Ranges):
         parameters : those that differ from the block's. Other encoded ranges emulate a drive whose firmware does not
             match the table.
         """
-        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
+        wires = (f"wire_{name}" for name in RANGES)
+        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", "ranges", *wires)
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
     find: Any  # function of a name that returns a model

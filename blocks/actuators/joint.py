@@ -86,9 +86,10 @@ class Joint(Requests, Law, Ranges, Drive):
         "position, velocity, stiffness, damping and torque of the last frame, decoded from its codes, at the joint",
     )
 
-    hardware = (*Drive.hardware, *(f"wire_{name}" for name in RANGES))
+    hardware = (*Drive.hardware, "ranges", *(f"wire_{name}" for name in RANGES))
     sent_outputs: tuple[str, ...] = ("torque_sent", "limited")
     law_limit = ("limits", 5)
+    limit_columns = (*Drive.limit_columns, *(f"wire_{name}" for name in RANGES))
     velocity_codes = 0xFFF  # steps of the velocity in its feedback
 
     def configure(self) -> None:
@@ -167,7 +168,8 @@ class Joint(Requests, Law, Ranges, Drive):
 
     def deviations(self) -> list[Deviation]:
         """Return the Deviations from the table of the model: encoded ranges, gear, and properties of the model."""
-        return [*deviations.of_ranges(self, joint_scales(self.gear_ratio)), *deviations.of_model(self)]
+        scales = joint_scales(self.gear_ratio)
+        return [*deviations.of_ranges(self, scales), *deviations.of_sources(self, scales), *deviations.of_model(self)]
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         """Return the ranges of the outputs, as the replies encode them."""

@@ -8,7 +8,7 @@ import pytest
 from runtime.robot.rig.file import parse
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS
-from tests.docs import compatibility, energy, parts
+from tests.docs import compatibility, energy, parts, verified
 from tests.docs.pictures import tables
 
 PAGES = sorted((ROOT / "docs" / "hardware").glob("*.md"))
@@ -16,6 +16,14 @@ PAGES = sorted((ROOT / "docs" / "hardware").glob("*.md"))
 
 def test_table_of_actuators_is_fresh():
     assert compatibility.PAGE.read_text() == compatibility.page()
+
+
+def test_page_of_verified_drives_is_fresh_and_lists_what_was_sent():
+    assert verified.PAGE.read_text() == verified.page()
+    fields = dict.fromkeys(verified.FIELDS, "x") | {"model": "AK80-9"}
+    assert "| AK80-9 | x |" in verified.page([fields]) and "no records" not in verified.page([fields])
+    form = (ROOT / ".github" / "ISSUE_TEMPLATE" / "verified.yml").read_text()
+    assert re.findall(r"^    id: (\w+)$", form, re.MULTILINE) == list(verified.FIELDS)
 
 
 def test_list_of_parts_is_fresh():

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.emulated import Emulated
 from cext.kernels.devices.cubemars import emulator as kernels
 from graph import Device, Memory, Param
-
-if TYPE_CHECKING:
-    from blocks.actuators.cubemars.models import Motor
 
 
 class Board(Emulated):
@@ -53,7 +50,7 @@ class Board(Emulated):
         return [(self.can_id, True)]
 
 
-def with_pole_pairs(spec: Any, pole_pairs: int) -> Motor:
+def with_pole_pairs(spec: Any, pole_pairs: int) -> Any:
     """Return a model with other pole pairs than the table's, unless `pole_pairs` is 0."""
     return replace(spec, pole_pairs=pole_pairs) if pole_pairs else spec
 

@@ -6,10 +6,12 @@ Three different torques:
     wire    value of the largest code: a scale, not a rating
 
 Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a
-model. Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards
-V3.0 are (models_v3), and the constants are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated
-current. A drive in servo mode commands and reports the amplitude. The constant of an AK80-6 is not published: that of
-an AK80-9 is assumed, which also has 100 rpm/V and 21 pole pairs; rated torque over it is 0.98 of the rated current.
+model. The MIT firmware of an AK40-10 of 2025-06-24 has ±12.56 rad and ±45 rad/s, where the manual has ±12.5 rad and
+±45.5 rad/s: `ranges` selects between them. Ratings and torque constants: the vendor's product pages. Their amperes are
+taken for RMS, as those of boards V3.0 are (models_v3), and the constants are per such an ampere: rated torque over
+constant is 0.79 to 1.01 of the rated current. A drive in servo mode commands and reports the amplitude. The constant of
+an AK80-6 is not published: that of an AK80-9 is assumed, which also has 100 rpm/V and 21 pole pairs; rated torque over
+it is 0.98 of the rated current.
 
 Supply: the same manual, "allowable working voltage" of the board: 18 to 52 V of V2.1, 18 to 28 V of V2.2. The board
 follows from the rated voltage of the product page: V2.1 for 48 V or 24/48 V, V2.2 for 24 V. No source states the range
@@ -21,22 +23,33 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import ClassVar
 
+from blocks.actuators.sources import ASSUMED, FIRMWARE, MANUAL, ONE, TWO, WIRES, RangeSet, Source, Sourced, of
 from graph.names import suggestion
 
 POSITION = 12.5  # rad, half the wire range of every model
 STIFFNESS = 500.0  # N·m/rad, from 0
 DAMPING = 5.0  # N·m·s/rad, from 0
 V2_1, V2_2 = (18.0, 52.0), (18.0, 28.0)  # V, supply of the boards
-MINI = "no source states the range of its board: that of another board with the same rated voltage is assumed"
+NO_BOARD = "no source states the range of its board: that of another board with the same rated voltage is assumed"
+MINI = of(["supply"], ASSUMED, NO_BOARD)
+RATINGS = ("rated", "peak", "gear", "torque_constant", "rated_current", "peak_current", "pole_pairs")
+PAGE = Source(ONE, "the vendor's product page")
+AK40_10_FIRMWARE = "MIT firmware of 2025-06-24, disassembled; the manual differs by 0.5 and 1.1 %"
 
 
-class Motor:
+class Motor(Sourced):
     """Quantities that follow from the columns of a model with any board."""
 
     rated_rms_current: float | None
     peak_rms_current: float | None
     gear: float
+
+    @property
+    def supply_note(self) -> str:
+        """Reason why the supply is assumed, "" if it is published."""
+        return self.assumed("supply").get("supply", "")
 
     @property
     def rated_current(self) -> float | None:
@@ -65,7 +78,7 @@ class Model(Motor):
     wire_torque, wire_velocity : N·m, rad/s
     gear : reduction
     rated_rms_current, peak_rms_current : A RMS, of the product page
-    supply : (lowest, highest) operating voltage of the board in V; supply_note : "" or the reason why it is assumed
+    supply : (lowest, highest) operating voltage of the board in V
     """
 
     name: str
@@ -79,11 +92,18 @@ class Model(Motor):
     peak_rms_current: float | None
     pole_pairs: int
     supply: tuple[float, float]
-    supply_note: str = ""
     wire_position: float = POSITION
     wire_stiffness: float = STIFFNESS
     wire_damping: float = DAMPING
     generation: int = 2
+    sources: tuple[tuple[str, Source], ...] = ()
+    range_sets: tuple[RangeSet, ...] = ()
+
+    SOURCES: ClassVar[dict[str, Source]] = {
+        **dict.fromkeys(WIRES, Source(TWO, "driver manual V1.0.18, page 66; the C driver of leggedrobotics agrees")),
+        **dict.fromkeys(RATINGS, PAGE),
+        "supply": Source(MANUAL, "driver manual V1.0.18, of the board that follows from the product page's voltage"),
+    }
 
     @property
     def torque_constant(self) -> float:
@@ -99,12 +119,43 @@ MODELS = {
     for model in (
         #     name           rated   peak   wire torque  velocity  gear  constant  rated, peak A RMS  pole pairs  supply
         Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 10.6, 29.8, 21, V2_1),
-        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 2.7, 7.3, 14, V2_2, MINI),
-        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 2.1, 5.0, 14, V2_2, MINI),
-        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14, V2_2, MINI),
+        Model(
+            "AK40-10",
+            1.3,
+            4.1,
+            5.0,
+            45.0,
+            10,
+            0.056,
+            2.7,
+            7.3,
+            14,
+            V2_2,
+            wire_position=12.56,
+            sources=(*of(WIRES, FIRMWARE, AK40_10_FIRMWARE), *MINI),
+            range_sets=(
+                RangeSet("firmware", (12.56, 45.0, STIFFNESS, DAMPING, 5.0), Source(FIRMWARE, AK40_10_FIRMWARE)),
+                RangeSet("manual", (12.5, 45.5, STIFFNESS, DAMPING, 5.0), Source(MANUAL, "driver manual V1.0.18")),
+            ),
+        ),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 2.1, 5.0, 14, V2_2, sources=MINI),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14, V2_2, sources=MINI),
         Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 6.5, 22.7, 14, V2_2),
         Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 7.2, 23.2, 21, V2_1),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, 0.105, 9.7, 20.0, 21, V2_1),
+        Model(
+            "AK80-6",
+            6.0,
+            12.0,
+            12.0,
+            76.0,
+            6,
+            0.105,
+            9.7,
+            20.0,
+            21,
+            V2_1,
+            sources=of(["torque_constant"], ASSUMED, "not published; that of an AK80-9, with the same rpm/V and poles"),
+        ),
         Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 6.9, 21.0, 21, V2_1),
         Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 10.3, 22.3, 21, V2_1),
         Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 7.0, 19.0, 21, V2_1),

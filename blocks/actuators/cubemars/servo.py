@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from blocks.actuators import deviations
 from blocks.actuators.cubemars import frames, models_v3
-from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
+from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo, with_pole_pairs
 from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
 from blocks.actuators.drive import Drive, winding_of
 from blocks.actuators.joint import MAX_TRANSIT
@@ -81,6 +81,9 @@ class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, 
     torque_constant = Param(
         0.0, "N·m/A", "torque constant at the actuator's output; 0: the model's", min=0.0, fixed=True, kernel=False
     )
+    pole_pairs = Param(
+        0, "1", "pole pairs of the motor, which scale the velocity; 0: the model's", min=0, fixed=True, kernel=False
+    )
     report_rate = Param(
         100.0,
         "Hz",
@@ -106,8 +109,10 @@ class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, 
         (0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration"
     )
 
+    limit_columns = (*Drive.limit_columns, "torque_constant")
+
     # not the torque constant: with another a rig could raise the current
-    hardware = (*Drive.hardware, "report_rate")
+    hardware = (*Drive.hardware, "report_rate", "pole_pairs")
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
@@ -115,7 +120,7 @@ class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, 
 
     def configure(self) -> None:
         self.inputs, self.outputs = type(self).inputs, type(self).outputs
-        spec = self.spec = self.find(self.model)
+        spec = self.spec = with_pole_pairs(self.find(self.model), self.pole_pairs)
         self.model = spec.name
         constant = self.torque_constant or spec.torque_constant
         if spec.generation < 3 and self.report_rate == 0.0:

@@ -146,6 +146,7 @@ class CubeMarsV3(ExtendedFrames, Reporting, Joint, Actuator):
 
     def configure(self) -> None:
         super().configure()
+        self.need_ranges(self.spec)
         self.check_reports()
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 

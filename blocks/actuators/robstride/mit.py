@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.emulated import Emulated
@@ -11,6 +12,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.emulator import ignored_of
 from blocks.actuators.robstride.models import TEMPERATURE
+from blocks.actuators.sources import MANUAL, WIRES, RangeSet, Source, of
 from cext.kernels.devices.robstride import mit as kernels
 from graph import Actuator, CommandReplies, Device, Interval, Memory, Param
 
@@ -24,12 +26,34 @@ READ, WRITE = 0x300, 0x400  # of parameters, with the drive's id
 OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"  # of the modes: MIT 0, position 1, velocity 2
 
 
+SECTION_6 = "section 6 of the user manual of 2026-04-28"
+SECTION_4 = "section 4 of the user manual, the private protocol"
+# half ranges of position and velocity, stiffness and damping where section 6 differs from section 4
+DIFFERENT = {"RS02": (12.57, 33.0, 500.0, 5.0), "RS03": (12.57, 33.0, 500.0, 5.0), "RS04": (15.0, 33.0, 500.0, 5.0)}
+
+
 def find(name: str) -> Model:
-    """The model of that name. ValueError for the CyberGear, which has no MIT protocol."""
+    """Return a model by its name, with the ranges of the MIT protocol.
+
+    Section 6 of the manuals prints the ranges of an RS00 for velocity, stiffness and damping of larger models; lerobot
+    has them too, and an RS04's position of ± 12.57 rad. So `ranges` is "mit" if that section holds for a drive, and
+    "private" if it has the ranges of its private protocol.
+
+    Raises ValueError for models without a known MIT protocol.
+    """
     found = models.find(name)
     if found.is_cybergear:
         raise ValueError("the CyberGear has no MIT protocol: use RobStride")
-    return found
+    if found.name not in models.MIT_FIRMWARE:
+        raise ValueError(f"the ranges of {found.name} in the MIT protocol are not known: use RobStride")
+    if found.name not in DIFFERENT:
+        return replace(found, sources=of(WIRES, MANUAL, f"{SECTION_6}, as in section 4"))
+    sets = (
+        RangeSet("mit", (*DIFFERENT[found.name], found.wire_torque), Source(MANUAL, SECTION_6)),
+        RangeSet("private", tuple(getattr(found, wire) for wire in WIRES), Source(MANUAL, SECTION_4)),
+    )
+    ranges = dict(zip(WIRES, sets[0].values))
+    return replace(found, range_sets=sets, sources=of(WIRES, MANUAL, f"{SECTION_6}; section 4 differs"), **ranges)
 
 
 class RobStrideMIT(StopInMitMode, Joint, Actuator):

@@ -65,7 +65,8 @@ def _scale_mismatch(block: Any, about: str, value: float, bound: float) -> str:
 def wire_cure(block: Any, value: float) -> str:
     """Return the setting that corrects a velocity of `value` times the rate of the position, as text."""
     if "wire_velocity" not in block.parameters or "current" in block.outputs:
-        return f"the drive does not have the pole pairs or the gear of {block.spec.name}. Check the model's name"
+        pairs = f", or set pole_pairs={round(block.spec.pole_pairs * value)}" * ("pole_pairs" in block.parameters)
+        return f"the drive does not have the pole pairs or the gear of {block.spec.name}. Check the model's name{pairs}"
     ratio = block.gear_ratio
     return (
         f"set wire_velocity={block.wire[1] * ratio / value:.4g}, or "

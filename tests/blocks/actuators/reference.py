@@ -14,10 +14,12 @@ FIELDS = (("position", 16), ("velocity", 12), ("stiffness", 12), ("damping", 12)
 BITS = dict(FIELDS)
 
 
-def ranges(velocity, torque):
-    """(low, high) of each field, given half of the model's range of velocity, in rad/s, and torque, in N·m."""
+def ranges(velocity, torque, position=12.5):
+    """(low, high) of each field, given half of the model's range of velocity, in rad/s, torque, in N·m, and position,
+    in rad.
+    """
     return {
-        "position": (-12.5, 12.5),
+        "position": (-position, position),
         "velocity": (-velocity, velocity),
         "stiffness": (0.0, 500.0),
         "damping": (0.0, 5.0),

@@ -13,7 +13,10 @@ from graph import DiagramError
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, REMOTE, TAKEN, Wired
 
-RANGES = {name: reference.ranges(model.wire_velocity, model.wire_torque) for name, model in MODELS.items()}
+RANGES = {
+    name: reference.ranges(model.wire_velocity, model.wire_torque, model.wire_position)
+    for name, model in MODELS.items()
+}
 STILL = {"position": 0.0, "velocity": 0.0, "temperature": 30.0, "fault": 0}
 
 
@@ -77,7 +80,9 @@ def test_reply_saturates_at_range_ends(model):
     for share, code in ((-1.5, "0000"), (1.5, "ffff")):
         wired.hear(1, NOTHING)
         ((_, data),) = wired.say(
-            position=share * 12.5, velocity=share * MODELS[model].wire_velocity, temperature=share * 1000.0
+            position=share * MODELS[model].wire_position,
+            velocity=share * MODELS[model].wire_velocity,
+            temperature=share * 1000.0,
         )
         assert data[1:3].hex() == code and data[3:5].hex()[:3] == code[:3] and data[6] == (0 if share < 0.0 else 255)
 

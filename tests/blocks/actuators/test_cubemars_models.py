@@ -8,6 +8,7 @@ import pytest
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.models import AMBIGUOUS, MODELS, find
+from blocks.actuators.sources import with_ranges
 from graph import Diagram, DiagramError, Interval, compile
 from tests.shared import specifications
 
@@ -108,7 +109,8 @@ def test_the_wire_ranges_are_those_of_the_specification():
     assert (table["p_rad"], table["kp"], table["kd"]) == (models.POSITION, models.STIFFNESS, models.DAMPING)
     assert {AMBIGUOUS.get(name, name) for name in table["models"]} == set(MODELS)
     for name, row in table["models"].items():
-        model = MODELS[AMBIGUOUS.get(name, name)]
+        model = with_ranges(MODELS[AMBIGUOUS.get(name, name)], "manual" if name == "AK40-10" else "")
+        assert model.wire_position == table["p_rad"]
         assert (model.wire_velocity, model.wire_torque) == (row["v_rad_s"], row["t_nm"]), name
 
 
@@ -133,7 +135,7 @@ def test_the_limit_is_rated_peak_or_a_torque_up_to_the_peak(name):
     for limit, torque in (*named, *((number, float(number)) for number in numbers)):
         drive = CubeMars(name, limit=limit)
         assert drive.command_limits()["torque_command"] == Interval(-torque, torque)
-        assert drive.limits == (12.5, model.wire_velocity, 500.0, 5.0, torque, torque, 1.0)
+        assert drive.limits == (model.wire_position, model.wire_velocity, 500.0, 5.0, torque, torque, 1.0)
     assert CubeMars(name).command_limits() == CubeMars(name, limit="rated").command_limits()
 
 

@@ -21,6 +21,7 @@ import pytest
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.cubemars.models import AMBIGUOUS, MODELS
 from blocks.actuators.mit_frames import DISABLE, ENABLE, SET_ZERO
+from blocks.actuators.sources import with_ranges
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 from tests.shared import entries, specifications
@@ -50,7 +51,7 @@ DFKI = {
 
 def ours(family):
     """Our model for the name of a motor that other libraries use."""
-    return MODELS[AMBIGUOUS.get(family, family)]
+    return with_ranges(MODELS[AMBIGUOUS.get(family, family)], "manual" if family == "AK40-10" else "")
 
 
 def library(source):
@@ -90,7 +91,8 @@ def drives():
 
     def drive(model, invert=False):
         if (model, invert) not in made:
-            made[model, invert] = Wired(CubeMars, model.name, can_id=1, invert=invert)
+            ranges = "manual" if model.name == "AK40-10" else ""
+            made[model, invert] = Wired(CubeMars, model.name, can_id=1, invert=invert, ranges=ranges)
             made[model, invert]["limits"] = [*made[model, invert]["wire"], math.inf, 1.0]
         return made[model, invert]
 
@@ -225,7 +227,8 @@ def test_the_emulated_drive_replies_like_mit_firmware():
     """Six bytes are common to both, then comes a voltage there, temperature and error here: equal."""
     for entry in entries("mit_reply_encode_katz"):
         model, given = ours(entry["model"]), entry["inputs"]
-        wired = Wired(EmulatedCubeMars, model.name, can_id=given["id"], peak=model.wire_torque)
+        ranges = "manual" if model.name == "AK40-10" else ""
+        wired = Wired(EmulatedCubeMars, model.name, can_id=given["id"], peak=model.wire_torque, ranges=ranges)
         wired.hear(given["id"], ENABLE)
         wired["command"] = (0.0, 0.0, 0.0, 0.0, given["torque_nm"])
         ((identifier, data),) = wired.say(position=given["position_rad"], velocity=given["velocity_rad_s"])

@@ -23,8 +23,15 @@ def drive(model, **parameters):
 
 
 DRIVES = {name: drive(name) for name in MODELS}
-RANGES = {name: reference.ranges(model.wire_velocity, model.wire_torque) for name, model in MODELS.items()}
+RANGES = {
+    name: reference.ranges(model.wire_velocity, model.wire_torque, model.wire_position)
+    for name, model in MODELS.items()
+}
 models = pytest.mark.parametrize("model", MODELS)
+
+
+def half_ranges(model):
+    return MODELS[model].wire_position, MODELS[model].wire_velocity
 
 
 def say(wired, **fields):
@@ -136,7 +143,7 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired = Wired(CubeMars, model, can_id=1)
     rated = min(MODELS[model].rated, MODELS[model].wire_torque)
-    assert wired["limits"].tolist() == [12.5, MODELS[model].wire_velocity, 500.0, 5.0, rated, rated, 1.0]
+    assert wired["limits"].tolist() == [*half_ranges(model)[:2], 500.0, 5.0, rated, rated, 1.0]
     for name, limit in zip(FIELDS, wired["limits"]):
         low = 0.0 if name in ("stiffness", "damping") else -limit
         for x in (low, limit):

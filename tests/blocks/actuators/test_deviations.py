@@ -4,17 +4,19 @@ from dataclasses import replace
 
 import pytest
 
-from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT, sources
 from blocks.actuators.cubemars import models, models_v3
+from blocks.actuators.robstride import mit
 from blocks.actuators.robstride import models as robstride_models
-from graph import Diagram, Param, compile
+from blocks.families import families
+from graph import Diagram, DiagramError, Param, compile
 
 TABLES = [
     (CubeMars, models.MODELS),
-    (CubeMarsV3, models_v3.MODELS),
+    (CubeMarsV3, {name for name in models_v3.MODELS if not name.startswith("AKA")}),
     (CubeMarsServo, models.MODELS | models_v3.MODELS),
     (RobStride, robstride_models.MODELS),
-    (RobStrideMIT, robstride_models.MIT_FIRMWARE),
+    (RobStrideMIT, {name for name in robstride_models.MIT_FIRMWARE if name not in mit.DIFFERENT}),
 ]
 WIRE = ("position", "velocity", "stiffness", "damping", "torque")
 
@@ -43,6 +45,62 @@ def test_every_encoded_range_has_the_factor_of_the_table_over_it(kind, model, na
     assert (deviation.parameter, deviation.safe) == (f"wire_{name}", False)
     assert deviation.factor == pytest.approx(1.0 / share) and deviation.value == pytest.approx(own)
     assert deviation.table == pytest.approx(own / share) and drive.model in deviation.source
+
+
+@pytest.mark.hazard("H1h")
+@pytest.mark.parametrize(
+    "model, effects",
+    [
+        ("RS02", ["1.33 times as fast"]),
+        ("RS03", ["a stiffness gives 10 times its torque", "a damping gives 20 times its torque"]),
+        ("RS04", ["0.838 times as far", "0.455 times as fast", "damping gives 20 times"]),
+    ],
+)
+def test_a_drive_whose_manual_has_two_sets_of_ranges_must_state_its_own(model, effects):
+    """No reply of an RS04 tells whether its damping is 20 times the commanded one, or a twentieth."""
+    [deviation] = RobStrideMIT(model, gear_ratio=3.0).deviations()
+    assert (deviation.parameter, deviation.safe) == ("ranges", False)
+    assert all(effect in deviation.effect for effect in effects), deviation.effect
+    assert "'mit' or 'private'" in deviation.effect
+    private, mit_set = RobStrideMIT(model, ranges="private"), RobStrideMIT(model, ranges="mit")
+    assert found(private) == found(mit_set) == {} and private.wire == RobStride(model).wire != mit_set.wire
+    with pytest.raises(DiagramError, match="ranges of RS0. must be one of 'mit', 'private'; got 'manual'"):
+        RobStrideMIT(model, ranges="manual")
+    with pytest.raises(DiagramError, match="ranges of AK80-9 must be omitted: its sources agree"):
+        CubeMars("AK80-9", ranges="manual")
+
+
+def test_sources_that_differ_by_two_percent_need_no_statement():
+    """AK40-10: firmware ± 12.56 rad and ± 45 rad/s, manual ± 12.5 rad and ± 45.5 rad/s."""
+    assert CubeMars("AK40-10").wire[:2] == (12.56, 45.0) and CubeMars("AK40-10", ranges="manual").wire[:2] == (
+        12.5,
+        45.5,
+    )
+    assert found(CubeMars("AK40-10")) == found(CubeMars("AK40-10", ranges="manual")) == {}
+
+
+def test_check_warns_of_a_limit_that_rests_on_an_assumed_number():
+    def warnings(drive):
+        with Diagram("robot", rate=200) as robot:
+            drive()(current_command=0.5)
+        return [str(each) for each in compile(robot).warnings if each.code == "TW035"]
+
+    [warning] = warnings(lambda: CubeMarsServo("AK80-6"))
+    assert "its limit rests on torque_constant, which is assumed: not published; that of an AK80-9" in warning
+    assert (
+        warnings(lambda: CubeMarsServo("AK80-6", torque_constant=0.7))
+        == warnings(lambda: CubeMarsServo("AK80-9"))
+        == []
+    )
+
+
+def test_every_number_of_every_table_has_a_source():
+    for family in families():
+        for table in family.tables if family.name in ("CubeMars", "RobStride") else ():
+            for model in table.models.values():
+                for column in (*sources.WIRES, "rated", "peak", "gear", "torque_constant", "rated_current", "supply"):
+                    source = model.source(column)
+                    assert source.kind in sources.KINDS and source.text, (model.name, column)
 
 
 def test_the_value_of_the_table_is_no_deviation():

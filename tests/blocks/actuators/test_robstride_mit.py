@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from blocks.actuators import RobStrideMIT
 from blocks.actuators.robstride import mit
 from blocks.actuators.robstride.family import FAMILY
-from blocks.actuators.robstride.models import MODELS
+from blocks.actuators.robstride.models import MIT_FIRMWARE, MODELS
 from graph import DiagramError
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.robstride_reference import ranges
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, OUT_OF_LIMITS, REMOTE, TAKEN, Wired
 
-NAMES = [name for name in MODELS if name != "CyberGear"]
+NAMES = list(MIT_FIRMWARE)
 FIELDS = tuple(name for name, _ in reference.FIELDS)
 models = pytest.mark.parametrize("model", NAMES)
 
@@ -29,7 +29,7 @@ def drive(model, **parameters):
 
 
 DRIVES = {name: drive(name) for name in NAMES}
-RANGES = {name: ranges(MODELS[name]) for name in NAMES}
+RANGES = {name: ranges(mit.find(name)) for name in NAMES}
 
 
 def say(wired, **fields):

@@ -85,7 +85,7 @@ def test_firmware_ranges_may_be_set_per_unit():
 
 @pytest.mark.parametrize(
     "kind, model, position, velocity",
-    [(CubeMars, "AK80-9", 12.5, 50.0), (RobStride, "RS03", 12.57, 20.0), (RobStrideMIT, "RS03", 12.57, 20.0)],
+    [(CubeMars, "AK80-9", 12.5, 50.0), (RobStride, "RS03", 12.57, 20.0), (RobStrideMIT, "RS06", 12.57, 50.0)],
 )
 def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model, position, velocity):
     plain, geared = kind(model), kind(model, gear_ratio=4.0, offset=0.5)

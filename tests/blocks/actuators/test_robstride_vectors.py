@@ -248,7 +248,7 @@ def test_mit_frames_equal_the_vendors():
 
 def test_the_model_table_equals_the_specification():
     table = specifications("robstride")["models"]
-    assert {name.split()[0] for name in table} == set(MODELS)
+    assert {name.split()[0] for name in table} == set(MODELS) - {"RS10P"}, "which is newer"
     for name, row in table.items():
         model = MODELS[name.split()[0]]
         assert (model.rated, model.peak, model.wire_torque, model.wire_velocity, model.wire_position) == (

@@ -299,7 +299,7 @@ FIRMWARES = [
     (CubeMars, "AK80-9", {"wire_position": 95.5}, 95.5 / 12.5, "velocity"),
     (CubeMarsV3, "AK80-9-V3.0", {"pole_pairs": 14}, 14 / 21, "velocity"),
     (CubeMarsServo, "AK80-9", {"pole_pairs": 14}, 14 / 21, "velocity"),
-    (RobStrideMIT, "RS02", {"wire_velocity": 33.0}, 44.0 / 33.0, "velocity"),
+    (RobStrideMIT, "RS02", {"ranges": "private"}, 33.0 / 44.0, "velocity"),  # the other section of its manual
     (CubeMarsV3, "AK80-9-V3.0", {"wire_torque": 21.0}, 21.0 / 18.0, "torque"),
     (CubeMarsV3, "AK80-9-V3.0", {"torque_constant": 0.945}, 0.5701 / 0.945, "torque"),
     (RobStride, "RS03", {"wire_stiffness": 500.0}, 0.1, "torque"),

