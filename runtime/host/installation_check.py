@@ -25,7 +25,7 @@ MODULES = {  # modules of required distributions whose names differ
     "resvg-py": "resvg_py",
 }
 
-READING = ("convert", "diff", "plot")  # commands that need no compiled modules
+READING = ("convert", "diff", "plot", "view")  # commands that need no compiled modules
 TO_READ = ("matplotlib", "mcap", "msgspec", "numpy", "zstandard")  # distributions that they require
 
 # standard modules that a run imports later

@@ -4,7 +4,8 @@
     runtime.record.panel.view       what a page shows: state, newest row, live parameters, events
     runtime.record.panel.access     which connections are accepted, and what each page may do
     runtime.record.panel.orders     what a page may ask for, and how the run is asked
-    runtime.record.panel.server     HTTP for the files of the page, WebSocket for the rest, on one port
+    runtime.record.panel.site       HTTP for the files of a page and access to its WebSocket, on one port
+    runtime.record.panel.server     the WebSocket of each page
     runtime.record.panel.names      names and units for people
     runtime.record.panel.page       the page itself: HTML, CSS, JavaScript, and uPlot for the plots
 

@@ -13,16 +13,15 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Iterable
 from typing import Any
 
 from cext.memory.shared_state import SharedState
 from runtime.host.system import name_process
 from runtime.record.panel.server import Server
+from runtime.record.panel.site import FIRST_PORT, PORTS
 from runtime.record.panel.view import View
 
 EVENT_BYTES = 1 << 17  # of a message
-FIRST_PORT, PORTS = 8470, 10  # that are tried in turn for port 0
 PORT_TIMEOUT = 5.0  # s for a panel before this one to release a port
 
 
@@ -79,22 +78,12 @@ class Panel:
         """Listen on the port of the panel before this one, else on that of the plan. Raises OSError."""
         port, until = self.plan["port"], time.monotonic() + PORT_TIMEOUT
         while self.plan["port_before"] and time.monotonic() < until:  # pages connect again where they were
-            if await self.listens([self.plan["port_before"]]):
+            if await self.server.listens([self.plan["port_before"]]):
                 return
             await asyncio.sleep(0.05)
-        if not await self.listens([port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)):
+        ports = [port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)
+        if not await self.server.listens(ports):
             raise OSError(errno.EADDRINUSE, "in use" if port else f"nor are those up to {FIRST_PORT + PORTS - 1} free")
-
-    async def listens(self, ports: Iterable[int]) -> bool:
-        """Listen on the first free one of some ports. Returns False if all are in use. Raises OSError."""
-        for port in ports:
-            try:
-                await self.server.listen(port)
-                return True
-            except OSError as error:
-                if error.errno != errno.EADDRINUSE:
-                    raise
-        return False
 
     def answer(self, message: dict[str, Any]) -> None:
         """Send one line of JSON to the recorder."""

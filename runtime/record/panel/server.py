@@ -8,63 +8,36 @@ sends too many of them is closed.
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from http import HTTPStatus
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-from websockets.asyncio.server import serve
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
-from websockets.http11 import Response
 
 from runtime.record.panel import access
 from runtime.record.panel.access import OPERATE, VIEW
 from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Set, Stop, answered
+from runtime.record.panel.site import PAGE_FOLDER, SOCKET, Site, files_of
 from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
-    from websockets.http11 import Request
 
     from runtime.record.panel.view import View
 
-PAGE_FOLDER = "runtime.record.panel.page"
-PAGES = {
-    "/": ("index.html", "text/html; charset=utf-8"),
-    "/page.css": ("page.css", "text/css; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
-    "/subject": ("subject.html", "text/html; charset=utf-8"),
-    "/subject.css": ("subject.css", "text/css; charset=utf-8"),
-    **{
-        f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8")
-        for name in ("diagram", "parameters", "plots", "subject", "text")
-    },
-    "/uPlot.js": ("uPlot.iife.min.js", "text/javascript; charset=utf-8"),
-    "/uPlot.css": ("uPlot.min.css", "text/css; charset=utf-8"),
+FILES = {
+    **files_of(PAGE_FOLDER, "index.html", "page.js", "diagram.js", "parameters.js", "subject.css", "subject.js"),
+    "/subject": (PAGE_FOLDER, "subject.html"),
 }
-SECURITY = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}
-SOCKET, WATCHING = "/socket", "/watching"  # the second for pages that only show and stop the run, whatever their token
+WATCHING = "/watching"  # socket of pages that only show and stop the run, whatever their token
 MESSAGE_LIMIT = 4096  # bytes of a message of a page
 MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
 WAITING_LIMIT = 128  # orders of a page that wait for the run
 REFUSED_LIMIT = 50  # messages of one page that are refused, after which it is closed
-PAGE_LIMIT = 16
-WRITE_LIMIT = 1 << 16  # bytes that wait for a stalled page
 TOKEN_TIMEOUT = 5.0  # s for the first message, which has the token
-PING_PERIOD = 2.0  # s
-CLOSE_TIMEOUT = 0.3  # s
 POLICY, TRY_LATER, GOING_AWAY = 1008, 1013, 1001  # codes of RFC 6455
 
 
@@ -100,7 +73,7 @@ class Page:
         return True
 
 
-class Server:
+class Server(Site):
     """The server of one run.
 
     view : View of the run
@@ -109,74 +82,17 @@ class Server:
     """
 
     def __init__(self, view: View, host: str, secret: str) -> None:
-        self.view, self.host, self.mailbox = view, host, Mailbox(view)
-        self.local = access.is_local(host)
+        super().__init__(host, FILES, MESSAGE_LIMIT, (SOCKET, WATCHING))
+        self.view, self.mailbox = view, Mailbox(view)
         self.tokens = {} if self.local else access.tokens(secret)
-        self.pages: dict[int, Page] = {}
-        self.opened = self.pending = 0
+        self.opened = 0
         self.operator: Page | None = None
-        self.refused: Counter[str] = Counter()
         self.frame, self.status = b"", ""
         self.news = asyncio.Event()
-        self.folder = files(PAGE_FOLDER)
-
-    async def listen(self, port: int) -> None:
-        """Listen on a port. Raises OSError."""
-        logger = logging.getLogger("tickwork.panel")
-        logger.addHandler(logging.NullHandler())
-        logger.propagate = False
-        self.server = await serve(
-            self.serve_page,
-            self.host,
-            port,
-            process_request=self.answer_request,
-            compression=None,
-            max_size=MESSAGE_LIMIT,
-            max_queue=16,
-            write_limit=WRITE_LIMIT,
-            open_timeout=TOKEN_TIMEOUT,
-            ping_interval=PING_PERIOD,
-            ping_timeout=2 * PING_PERIOD,
-            close_timeout=CLOSE_TIMEOUT,
-            server_header=None,
-            logger=logger,
-        )
-        self.port = self.server.sockets[0].getsockname()[1]
 
     def addresses(self) -> dict[str, str]:
         """Return {role: address for a browser}."""
-        host = access.reachable(self.host)
-        host = f"[{host}]" if ":" in host else host
-        base = f"http://{host}:{self.port}/"
-        return {role: f"{base}#{token}" for token, role in self.tokens.items()} or {OPERATE: base}
-
-    # HTTP
-
-    def answer_request(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer a request for a file; return None to open a WebSocket."""
-        path = request.path.partition("?")[0]
-        if self.local and not self.is_own(connection):
-            return self.deny("account", HTTPStatus.FORBIDDEN, "This page belongs to another account of this computer.")
-        if path in (SOCKET, WATCHING):
-            if not access.same_origin(request.headers.get("Origin"), request.headers.get("Host"), self.local):
-                return self.deny("origin", HTTPStatus.FORBIDDEN, "Only the panel's own page may connect.")
-            if max(len(self.pages), self.pending) >= PAGE_LIMIT:
-                return self.deny("pages", HTTPStatus.SERVICE_UNAVAILABLE, f"At most {PAGE_LIMIT} pages may be open.")
-            return None
-        if path not in PAGES:
-            return self.deny("path", HTTPStatus.NOT_FOUND, "The panel has no such page.")
-        name, kind = PAGES[path]
-        return response(HTTPStatus.OK, kind, (self.folder / name).read_bytes())
-
-    def is_own(self, connection: ServerConnection) -> bool:
-        """Return whether a connection is of this account."""
-        peer, here = connection.remote_address, connection.local_address
-        return access.of_this_account(peer[1], here[1])
-
-    def deny(self, why: str, code: HTTPStatus, text: str) -> Response:
-        """Count a refused request. Returns the response to it."""
-        self.refused[why] += 1
-        return response(code, "text/plain; charset=utf-8", text.encode() + b"\n")
+        return {role: f"{self.address}#{token}" for token, role in self.tokens.items()} or {OPERATE: self.address}
 
     # WebSocket
 
@@ -321,12 +237,4 @@ class Server:
         self.frame = self.view.frame()
         self.refresh()
         await asyncio.sleep(FRAME_PERIOD)
-        self.server.close()
-        with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(self.server.wait_closed(), 2 * CLOSE_TIMEOUT)
-
-
-def response(code: HTTPStatus, kind: str, body: bytes) -> Response:
-    """Return a response with the headers of every page."""
-    headers = Headers({**SECURITY, "Content-Type": kind, "Content-Length": str(len(body)), "Connection": "close"})
-    return Response(code.value, code.phrase, headers, body)
+        await super().close()

@@ -9,11 +9,11 @@ const AVERAGE_PERIOD = 1000;  // ms
 const PLOT_LIMIT = 12;
 const FIRST = ["position", "torque"];  // of actuators, plotted at the start
 const HEIGHT = 210;         // px
-const UNITS = { "°": "degrees", "°/s": "degrees per second" };
+export const UNITS = { "°": "degrees", "°/s": "degrees per second" };
 // Okabe and Ito: colours that people with any kind of colour vision can tell apart; each also has a dash of its own
-const LIGHT = ["#0072b2", "#d55e00", "#007a5a", "#a3487f", "#8a6d00", "#3a3f45"];
-const DARK = ["#56b4e9", "#f0883e", "#2fc79c", "#e39ac6", "#f0e442", "#d5dae1"];
-const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [5, 5], [1, 5]];
+export const LIGHT = ["#0072b2", "#d55e00", "#007a5a", "#a3487f", "#8a6d00", "#3a3f45"];
+export const DARK = ["#56b4e9", "#f0883e", "#2fc79c", "#e39ac6", "#f0e442", "#d5dae1"];
+export const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [5, 5], [1, 5]];
 
 const shown = (plot, value) => (value === null || value === undefined ? "–" : number(value));
 
