@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import pty
+import re
 import select
 import signal
 import struct
@@ -256,9 +257,9 @@ class RunProcess:
             return False
         *whole, self.unfinished = (self.unfinished + self.decode(data)).split("\n")
         for line in whole:
-            self._take_line(bare(line.rstrip("\r")))
+            self._take_line(bare(line))
         if "\r" in self.unfinished:  # a status line: the run has begun
-            self.unfinished = self.unfinished[self.unfinished.rindex("\r") :]
+            self.unfinished = self.unfinished[self.unfinished.rstrip("\r").rindex("\r") :]
             self._show()
             self._take_status(bare(self.unfinished))
         return True
@@ -338,8 +339,8 @@ class RunProcess:
 
 
 def bare(text: str) -> str:
-    """Return what a terminal shows of a line: the text after the last return, without the erasure of its end."""
-    return text[text.rfind("\r") + 1 :].replace("\x1b[K", "")
+    """Return what a terminal shows of a line: its text after the last return that text follows."""
+    return re.sub(r"\x1b\[(J|\?7[lh])", "", text.rstrip("\r").rpartition("\r")[2])
 
 
 def write(text: str) -> None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 STDOUT, STDERR = 1, 2
+NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"  # what passes the last column is not continued on the next line
 
 
 class Terminal:
@@ -59,15 +60,19 @@ class Terminal:
         return False
 
     def draw(self, text: str) -> None:
-        """Replace the status line."""
+        """Replace the status line.
+
+        A window that becomes narrower breaks the line into several. The cursor stays at its start, so that all of them
+        are erased; and a line that is too long for a width that is not known yet is cut off.
+        """
         if self.interactive:
-            self.write(f"\r{harmless(text, self.coloured)}\x1b[K")
+            self.write(f"\r{NO_WRAP}{harmless(text, self.coloured)}{WRAP}\x1b[J\r")
             self.drawn = True
 
     def erase(self) -> None:
         """Remove the status line, if one is drawn."""
         if self.drawn:
-            self.write("\r\x1b[K")
+            self.write("\r\x1b[J")
             self.drawn = False
 
     def say(self, line: str) -> bool:

@@ -117,7 +117,7 @@ class StopMessages:
         words : text with names of devices and interfaces, which may contain any characters
         """
         with suppress(Exception):  # the code of a diagram may have closed or replaced it
-            erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
+            erase = "\r\x1b[J" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
             line = f"{erase}{one_line(words)}\n"
             self._waiting += line.encode(sys.stderr.encoding or "utf-8", "backslashreplace")
         self.flush()

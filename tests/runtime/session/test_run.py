@@ -297,8 +297,8 @@ def test_record_adds_a_recorder_to_a_diagram_without_one(tmp_path):
 
 
 def screen_of(text):
-    """What a terminal shows after these characters: its lines. Knows carriage return, erase to the end of the line, and
-    colours.
+    """What a terminal shows after these characters: its lines. Knows carriage return, erase to the end of the screen,
+    and colours.
     """
     lines, column = [""], 0
     for token in re.findall(r"\x1b\[[\d;?]*[A-Za-z]|.", text, re.DOTALL):
@@ -307,10 +307,10 @@ def screen_of(text):
         elif token == "\n":
             lines.append("")
             column = 0
-        elif token == "\x1b[K":
+        elif token == "\x1b[J":
             lines[-1] = lines[-1][:column]
         elif token.startswith("\x1b["):
-            assert token.endswith("m"), f"unexpected sequence {token!r}"
+            assert token.endswith(("m", "?7l", "?7h")), f"unexpected sequence {token!r}"
         else:
             lines[-1] = lines[-1][:column].ljust(column) + token + lines[-1][column + 1 :]
             column += 1

@@ -64,7 +64,7 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     terminal.wait_for(r"spring\.stiffness 30 N·m/rad")
     terminal.press(b" ")
     assert terminal.end() == 0 and terminal.attributes == terminal.before
-    shown = terminal.look().replace("\x1b[K", "")
+    shown = terminal.look().replace("\x1b[J", "")
     assert "\rstopped by the space bar\r\n" in shown
     assert "6 changes of live parameters, 1 mark" in shown
 

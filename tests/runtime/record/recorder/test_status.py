@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import select
+import shutil
 import subprocess
 import sys
 import termios
@@ -28,7 +29,7 @@ from runtime.record.recorder.status import (
 )
 from tests.runtime.record.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
-from tests.runtime.terminals import WIDE
+from tests.runtime.terminals import WIDE, patient
 from tests.runtime.terminals import Terminal as PseudoTerminal
 
 ROOT = Path(__file__).parents[4]
@@ -310,9 +311,9 @@ def test_status_line_refreshes_in_place_ten_times_per_second_and_is_erased(scree
     for millisecond in range(1000):
         status.update(5.0 + millisecond * 1e-3)
     drawn = seen()
-    assert 10 <= drawn.count("\r") <= 11 and drawn.count("\x1b[K") == drawn.count("\r") and "\n" not in drawn
+    assert 10 <= drawn.count("\x1b[J\r") <= 11 and drawn.count("\r") == 2 * drawn.count("\x1b[J") and "\n" not in drawn
     status.erase()
-    assert seen() == "\r\x1b[K"
+    assert seen() == "\r\x1b[J"
 
 
 def test_status_stays_readable_without_unicode(screen):
@@ -325,7 +326,7 @@ def test_a_permanent_line_replaces_the_status_line(screen):
     shown = terminal(slave)
     shown.draw("status")
     shown.say("a problem")
-    assert seen() == "\rstatus\x1b[K\r\x1b[Ka problem\r\n"
+    assert seen() == "\r\x1b[?7lstatus\x1b[?7h\x1b[J\r\r\x1b[Ja problem\r\n"
 
 
 @pytest.mark.parametrize(
@@ -385,8 +386,8 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
         assert done.stderr == b""
         return
     drawn = seen()
-    assert re.search(r"\r\x1b\[32mrunning\x1b\[0m [━╌]{8} 0\.\d/0\.4 s", drawn)
-    assert drawn.endswith("\r\x1b[K")
+    assert re.search(r"\r\x1b\[\?7l\x1b\[32mrunning\x1b\[0m [━╌]{8} 0\.\d/0\.4 s", drawn)
+    assert drawn.endswith("\r\x1b[J")
 
 
 class Heard:
@@ -470,7 +471,7 @@ def test_long_task_shows_progress(screen):
             now = 0.125 * step
             half(step / 30)
     drawn = seen()
-    assert "converting walk.mcap ━━━━━╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 25 %, 6 s left" in drawn and drawn.endswith("\r\x1b[K")
+    assert "converting walk.mcap ━━━━━╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 25 %, 6 s left" in drawn and drawn.endswith("\r\x1b[J")
     assert drawn.count("converting") == 16  # not in the first second
 
 
@@ -499,7 +500,7 @@ def test_loop_shows_progress_and_clears_it_on_failure(screen, monkeypatch):
         for number in rounds("measuring", 4):
             1 / (2 - number)
     drawn = screen[1]()
-    assert "measuring ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 0 %" in drawn and drawn.endswith("\r\x1b[K")
+    assert "measuring ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 0 %" in drawn and drawn.endswith("\r\x1b[J")
 
 
 def test_progress_is_not_shown_in_a_pipe_or_for_short_tasks(screen):
@@ -512,3 +513,33 @@ def test_progress_is_not_shown_in_a_pipe_or_for_short_tasks(screen):
     with Progress("converting", terminal(screen[0])) as progress:
         progress(0.5)
     assert screen[1]() == ""
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")
+def test_a_narrower_window_keeps_nothing_of_the_line(tmp_path):
+    """A terminal breaks a line for which it has become too narrow."""
+    program = (
+        "import time; from runtime.host.console.stderr import Terminal; shown = Terminal(); print('above')\n"
+        "for second in range(200): shown.draw(f'status {second} '.ljust(shown.columns - 1, '=')); time.sleep(0.05)"
+    )
+    environment = {**os.environ, "TERM": "xterm-256color", "PYTHONPATH": str(ROOT), "TMUX_TMPDIR": str(tmp_path)}
+
+    def tmux(*words):
+        command = ["tmux", "-f", "/dev/null", "-L", "narrow", *words]
+        return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+
+    tmux("new-session", "-d", "-x", "120", "-y", "20", "-s", "window", sys.executable, "-c", program)
+    try:
+        for width in (120, 70):  # tmux itself moves the cursor of a line that it breaks twice
+            tmux("resize-window", "-t", "window", "-x", f"{width}")
+            shown = patient(lambda width=width: _lines_of(tmux, width))
+            assert shown == ["above", shown[-1]] and shown[-1].startswith("status"), shown
+    finally:
+        tmux("kill-server")
+
+
+def _lines_of(tmux, width):
+    """The lines of a window and of what has left it, once the last of them has its width; else None."""
+    lines = tmux("capture-pane", "-p", "-S", "-50", "-t", "window").split("\n")
+    lines = [line for line in lines if line.strip()]
+    return lines if lines and len(lines[-1]) == width - 1 else None
