@@ -1,6 +1,6 @@
 # cython: freethreading_compatible=True
-"""Newest row of a run, for a program beside it, and the extremes of those before. It takes nothing out of the ring, and
-the run does not wait for it.
+"""Newest row of a run, for a program beside it, with the extremes of the rows and the traffic of the buses before it. It
+takes nothing out of the ring, and the run does not wait for it.
 
 What was read of a record is valid if afterwards the ring's head is less than half of the ring past it: the head moves
 with each record, and the space of a record is written again after a whole ring (a seqlock, with the head as its number).
@@ -11,8 +11,10 @@ import numpy as np
 from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
 from libc.string cimport memcpy
 
+from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport fence_acquire, load_u64
-from cext.memory.shared_state cimport ROW, Header, SharedLayout, SharedState, own, read_header, record_at
+from cext.bus.bits cimport bits_of
+from cext.memory.shared_state cimport FRAME, ROW, Header, SharedLayout, SharedState, own, read_header, record_at
 
 cdef enum:
     ATTEMPTS = 8                # the head moves on while the rows are read
@@ -23,22 +25,25 @@ cdef class NewestRow:
 
     shared : SharedState of the run
     columns : number of its recorded signals
+    buses : number of its buses, whose frames are counted
 
     values : float64 array (columns,) of the newest row that `look` has found
     first, second : float64 arrays (columns,), smallest and largest value of the rows since the `look` before, in the
         order of time; NaN is none of them
+    traffic : int64 array (buses, 3): frames received, frames sent, and their bits on the wire of a CAN bus
     """
 
     cdef SharedState shared
     cdef uint64_t cursor
     cdef uint32_t size          # bytes of a row
-    cdef readonly object values, first, second
+    cdef readonly object values, first, second, traffic
     cdef double[:] row, low, high
     cdef double[:] earlier, later  # of low and high
     cdef int64_t[:] low_at, high_at
+    cdef int64_t[:, :] counts   # of the traffic
     cdef readonly int64_t tick  # tick of that row; -1 before the first
 
-    def __init__(self, SharedState shared, int columns):
+    def __init__(self, SharedState shared, int columns, int buses=0):
         self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1
         row = np.full(2 + columns, np.nan)
         self.row, self.values = row, row[2:]
@@ -46,6 +51,8 @@ cdef class NewestRow:
         self.earlier, self.later = self.first, self.second
         self.low, self.high = np.empty(columns), np.empty(columns)
         self.low_at, self.high_at = np.zeros(columns, np.int64), np.zeros(columns, np.int64)
+        self.traffic = np.zeros((buses, 3), np.int64)
+        self.counts = self.traffic
         self.cursor = load_u64(&shared.layout.tail)
 
     cdef bint intact(self, uint64_t place) noexcept:
@@ -64,12 +71,19 @@ cdef class NewestRow:
             if number == 0 or value > self.high[index] or self.high[index] != self.high[index]:
                 self.high[index], self.high_at[index] = value, number
 
+    cdef void count(self, const Frame *frame) noexcept:
+        """Take a frame into the traffic."""
+        if frame.bus < self.counts.shape[0] and frame.length <= FRAME_BYTES:
+            self.counts[frame.bus, frame.sent != 0] += 1
+            self.counts[frame.bus, 2] += bits_of(frame)
+
     def look(self) -> bool:
         """Read the newest row, and those before it. Returns whether it is newer than the one before."""
         cdef SharedLayout *layout = self.shared.layout
         cdef uint64_t head, place
         cdef int64_t count
         cdef Header header
+        cdef Frame frame
         cdef Py_ssize_t index
         for _ in range(ATTEMPTS):
             if not self.intact(self.cursor):
@@ -85,6 +99,11 @@ cdef class NewestRow:
                         break
                     self.fold(count)
                     count += 1
+                elif header.kind == FRAME and header.bytes == sizeof(Frame) and self.counts.shape[0]:
+                    frame = (<Frame *>(<char *>record_at(layout, place) + sizeof(Header)))[0]
+                    if not self.intact(place):
+                        break
+                    self.count(&frame)
                 place += sizeof(Header) + header.bytes
             if place < head:
                 self.cursor = load_u64(&layout.tail)

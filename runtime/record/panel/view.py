@@ -47,7 +47,7 @@ class View:
         self.table = table.read(shared)
         # parameters that no page may change, because the page never arms
         self.withheld = {each.path for each in self.table.parameters if each.path.rpartition(".")[2] == ARMING}
-        self.row = NewestRow(shared, len(plan["signals"]))
+        self.row = NewestRow(shared, len(plan["signals"]), len(plan["buses"]))
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENT_LIMIT)
         self.history: deque[tuple[float, ...]] = deque(maxlen=RATE_WINDOW)
         self.complete = False  # whether the recording is complete
@@ -101,12 +101,11 @@ class View:
         shared, statistics = self.shared, self.shared.statistics()
         late = statistics["lateness"]
         frames = statistics["frames"]
-        self.history.append(
-            (time.monotonic(), statistics["ticks"], statistics["busy"], frames["received"] + frames["sent"])
-        )
+        counts = (statistics["ticks"], statistics["busy"], *self.row.traffic.ravel().tolist())
+        self.history.append((time.monotonic(), *counts))
         begin, end = self.history[0], self.history[-1]
         seconds = end[0] - begin[0]
-        ticks, load, traffic = [(b - a) / seconds if seconds else None for a, b in zip(begin[1:], end[1:])]
+        ticks, load, *traffic = [(b - a) / seconds if seconds else None for a, b in zip(begin[1:], end[1:])]
         return {
             "type": "status",
             "state": shared.state,
@@ -117,7 +116,16 @@ class View:
             "time": (statistics["last_tick"] + 1) / self.plan["rate"],
             "ticks_per_second": ticks,
             "load": load,
-            "frames_per_second": traffic,
+            "buses": [
+                {
+                    "name": name,
+                    "received": received,
+                    "sent": sent,
+                    "bits": bits,
+                    "bitrate": self.plan["bitrates"].get(name),
+                }
+                for name, received, sent, bits in zip(self.plan["buses"], *(traffic[place::3] for place in range(3)))
+            ],
             "late": [finite(late.get("p50")), finite(late.get("p99"))],
             "missed": statistics["missed"],
             "dropped": statistics["dropped"],

@@ -10,6 +10,8 @@ const RECONNECT_PERIOD = 500;  // ms
 const TEXT_PERIOD = 100;       // ms; numbers that change faster cannot be read
 const DIAGRAM_PERIOD = 200;    // ms
 const NARROW = 700;            // px of a window that has no room for the diagram at first
+const REPLY_SPAN = 10;         // s
+const BUSY = 0.8;              // share of the bitrate
 const HIGH = 0.95;             // share of a limit
 const HOT = 0.8;               // share of the temperature at which the run ends
 const SIDES = ["left", "right"];
@@ -339,13 +341,26 @@ function valueRow(list, name, signal) {
   } });
 }
 
+// The greatest age of a drive's reply in the last seconds: a lost one makes the next older by a period.
+function oldestReply(text) {
+  const drives = hello.signals.flatMap(({ path, block }, index) =>
+    (path.endsWith(".age") && hello.signals.some((each) => each.limits && each.path === path.replace(/age$/, "torque")) ? [{ block, index }] : []));
+  const ages = drives.map(({ block, index }) => [plots.largest(index, REPLY_SPAN), block]).filter(([age]) => age > -Infinity);
+  if (!ages.length) return [];
+  const [age, block] = ages.reduce((one, other) => (other[0] > one[0] ? other : one));
+  return [[`oldest reply in ${REPLY_SPAN} s`, `${text(age)}, ${block}`]];
+}
+
 function showHealth() {
+  const frames = (count) => (count === null ? "–" : String(Math.round(count)));
   const micro = (seconds) => seconds === null ? "–" : seconds < 1e-3 ? `${Math.round(1e6 * seconds)} µs` : `${number(1e3 * seconds)} ms`;
   const rows = [
     ["rate", `${number(status.ticks_per_second ?? NaN)} Hz`],
     ["late, median and 99 %", `${micro(status.late[0])}, ${micro(status.late[1])}`],
     ["time in ticks", `${number(100 * (status.load ?? NaN))} %`],
-    ["frames on the buses", `${number(status.frames_per_second ?? NaN)} per second`],
+    ...status.buses.map(({ name, received, sent, bits, bitrate }) => [`bus ${name}`, `${frames(sent)} sent, ${frames(received)} received` +
+      `${bitrate ? `, ${Math.round((100 * bits) / bitrate)} %` : " a second"}`, bits > BUSY * bitrate]),
+    ...oldestReply(micro),
     ["missed ticks", String(status.missed), status.missed > 0],
     ["lost records", String(status.dropped), status.dropped > 0],
   ];
@@ -378,12 +393,14 @@ $("marking").addEventListener("submit", (event) => {
   $("note").blur();                            // so that the space bar stops again
 });
 const tabs = ["operate", "plots"];
+const places = { events: $("events").parentElement, timing: $("timing").parentElement };   // cards that both tabs show
 function select(name) {
   for (const each of tabs) {
     $(each).hidden = each !== name;
     $(`tab-${each}`).setAttribute("aria-selected", String(each === name));
     $(`tab-${each}`).tabIndex = each === name ? 0 : -1;
   }
+  for (const [id, place] of Object.entries(places)) (name === "plots" ? $("beside") : place).append($(id));
   plots.resize();
 }
 for (const name of tabs) $(`tab-${name}`).addEventListener("click", () => select(name));

@@ -81,6 +81,14 @@ export class Plots {
     this.count += 1;
   }
 
+  // Largest value of a signal in the last seconds, each spike counted.
+  largest(index, seconds) {
+    let largest = -Infinity;
+    for (let place = this.count - 1; place >= 0 && this.times[place] > this.times[this.count - 1] - seconds; place -= 1)
+      if (this.columns[index][place] > largest) largest = this.columns[index][place];
+    return largest;
+  }
+
   keyOf(index) {
     const { port, shown } = this.hello.signals[index];
     return `${port}${shown ? ` (${shown})` : ""}`;

@@ -1,5 +1,6 @@
 """The page of the panel in a real browser: it shows the run, stops it, changes parameters, and admits a lost link."""
 
+import importlib.resources
 import os
 import signal
 import time
@@ -48,8 +49,12 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
     first = tab.text(".actuator .torque b")
     tab.wait_for(f"document.querySelector('.actuator .torque b').innerText !== {first!r}")
     assert first.endswith("N·m")
+    health = "document.getElementById('health').innerText"
+    tab.wait_for(f"/legs\\n[1-9]\\d* sent, [1-9]\\d* received, [1-9]\\d* %/i.test({health})")
+    assert tab.evaluate(f"/oldest reply in 10 s\\n\\S+ [mµ]s, knee/i.test({health})")
     tab.evaluate("document.getElementById('tab-plots').click()")
     tab.wait_for("document.querySelectorAll('#charts canvas').length === 2")
+    assert tab.evaluate("['events', 'timing'].every((id) => document.getElementById(id).checkVisibility())")
     assert tab.problems == []
 
 
@@ -208,6 +213,30 @@ def test_page_fits_its_window(opened, width):
         tab.evaluate(f"document.getElementById('tab-{name}').click()")
         tab.wait_for(f"!document.getElementById('{name}').hidden")
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_pages_are_accessible_in_light_and_dark(tmp_path):
+    pytest.importorskip("axe_core_python")  # of the extra `test`
+    with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
+        page, subject = new_tab(run.address), new_tab(f"{run.address}subject")
+        page.wait_for(RUNNING)
+        subject.wait_for("!document.body.classList.contains('old')")
+        views = [(page, f"document.getElementById('tab-{name}').click()") for name in ("operate", "plots")]
+        views.append((subject, "document.getElementById('choice').open = true"))
+        for tab, show in views:
+            tab.evaluate(f"{importlib.resources.files('axe_core_python').joinpath('axe.min.js').read_text()}; {show}")
+            for dark in (False, True):
+                tab.look(1400, dark)
+                assert violations(tab) == []
+        subject.evaluate("document.getElementById('low').labels[0].replaceWith(document.getElementById('low'))")
+        assert [rule for rule, _ in violations(subject)] == ["label"]  # axe does find what is wrong
+
+
+def violations(tab):
+    """What axe finds wrong with a page: [(rule, elements)]."""
+    return tab.evaluate(
+        "axe.run().then(({ violations }) => violations.map(({ id, nodes }) => [id, nodes.map(({ html }) => html)]))"
+    )
 
 
 def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
