@@ -8,11 +8,14 @@ const SPARSE = 8;            // px between samples, from which each is drawn as 
 const KINDS = ["mark", "change", "warning", "fault"];   // of events that are lines in the plots
 const STEPS = [1e-3, 2e-3, 5e-3, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 18000];
 
-export const dark = () => matchMedia("(prefers-color-scheme: dark)").matches;
-export const colours = () => (dark() ? DARK : LIGHT);
-export const dashes = DASHES;
+const scheme = matchMedia("(prefers-color-scheme: dark)");
+let known = null;
+scheme.addEventListener("change", () => { known = null; });
+export const colours = () => (scheme.matches ? DARK : LIGHT);
 
-export function theme() {
+export function theme() { return known ||= readTheme(); }
+
+function readTheme() {
   const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
   return { text: of("text"), soft: of("soft"), line: of("line"), accent: of("accent"), bad: of("bad"), card: of("card"),
     mark: of("accent"), change: of("soft"), warning: of("warning"), fault: of("bad") };
@@ -190,11 +193,11 @@ export class TimeChart {
       const { offset } = this.curves[place].source, at = (time) => x(time + offset);
       ctx.strokeStyle = ctx.fillStyle = palette[place % palette.length];
       ctx.lineWidth = 1.6 * ratio;
-      ctx.setLineDash(piece.size > 1 ? [] : dashes[place % dashes.length].map((part) => part * ratio));
+      ctx.setLineDash(DASHES[place % DASHES.length].map((part) => part * ratio));
       ctx.beginPath();
-      trace(ctx, piece, begin - offset, end - offset, at, y, this.stepped);
+      trace(ctx, piece, begin - offset, end - offset, at, y, this.stepped, 0.8 * ratio);
       ctx.globalAlpha = piece.size > 1 && this.shown.length > 1 ? 0.65 : 1;   // a curve behind shows through
-      ctx.stroke();
+      if (piece.size > 1) ctx.fill(); else ctx.stroke();
       ctx.globalAlpha = 1;
       const [first, last] = visible(piece, begin - offset, end - offset);
       if (piece.size === 1 && at(piece.step) - at(0) > SPARSE * ratio) {
@@ -248,10 +251,10 @@ export class TimeChart {
       gaps: this.world.gaps.filter(([from, to]) => to >= begin && from <= end),
       limits: (this.signal.limits || []).map((limit) => limit * this.signal.factor),
       curves: this.shown.map((piece, place) => ({
-        name: this.curves[place].name, dense: Boolean(piece && piece.size > 1),
+        name: this.curves[place].name, area: Boolean(piece && piece.size > 1),
         trace: (pen, x, y) => {
           const { offset } = this.curves[place].source;
-          if (piece) trace(pen, piece, begin - offset, end - offset, (time) => x(time + offset), y, this.stepped);
+          if (piece) trace(pen, piece, begin - offset, end - offset, (time) => x(time + offset), y, this.stepped, 0.4);
         },
       })),
     };
@@ -290,7 +293,7 @@ export class StrideChart {
       ctx.beginPath(); band(ctx, curve, x, y); ctx.fill();
       ctx.globalAlpha = 1;
       ctx.lineWidth = 2 * ratio;
-      ctx.setLineDash(dashes[curve.place % dashes.length].map((part) => part * ratio));
+      ctx.setLineDash(DASHES[curve.place % DASHES.length].map((part) => part * ratio));
       ctx.beginPath(); mean(ctx, curve, x, y); ctx.stroke();
     });
   }

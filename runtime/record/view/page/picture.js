@@ -102,7 +102,8 @@ function plot(figure, left, top, width, head, labelled, number) {
   figure.curves.forEach((curve, order) => {
     const place = curve.place ?? order, stroke = LIGHT[place % LIGHT.length];
     if (curve.band) out.push(`<path d="${pathOf(curve.band, x, y)}" fill="${stroke}" fill-opacity="0.2"/>`);
-    out.push(`<path d="${pathOf(curve.trace, x, y)}" stroke="${stroke}" stroke-width="${curve.dense ? 0.5 : 1}"${dash(place, curve.dense)}/>`);
+    out.push(`<path d="${pathOf(curve.trace, x, y)}" ${curve.area ? `fill="${stroke}" fill-opacity="${figure.curves.length > 1 ? 0.65 : 1}"` :
+      `stroke="${stroke}"${dash(place)}`}/>`);
   });
   out.push("</g>");
   line(left, top, left, top + PLOT, INK, 'stroke-width="0.6"');
@@ -118,9 +119,9 @@ function plot(figure, left, top, width, head, labelled, number) {
   return out.join("");
 }
 
-function dash(place, dense) {
+function dash(place) {
   const parts = DASHES[place % DASHES.length];
-  return dense || !parts.length ? "" : ` stroke-dasharray="${parts.map((part) => round(part / 2.2)).join(" ")}"`;
+  return !parts.length ? "" : ` stroke-dasharray="${parts.map((part) => round(part / 2.2)).join(" ")}"`;
 }
 
 // The same as PNG. Returns a promise of a Blob.

@@ -102,28 +102,31 @@ export function valueAt(piece, time) {
   return i >= 0 && time - piece.time[i] <= Math.max(width, 2 * piece.step) ? [piece.low[i], piece.high[i]] : [NaN, NaN];
 }
 
-// Draw a piece with moveTo and lineTo of a pen, from one time to another. The line ends where samples are missing.
-// x, y: functions from time and value to the place; stepped: whether the value holds until the next sample
-export function trace(pen, piece, begin, end, x, y, stepped) {
+// Draw a piece with moveTo and lineTo of a pen, from one time to another: a line through its samples, or an area from
+// the minimum to the maximum of each interval. It ends where samples are missing.
+// x, y: functions from time and value to the place; stepped: whether a value holds until the next sample;
+// half: of the width of a line, by which the area is higher at either side
+export function trace(pen, piece, begin, end, x, y, stepped, half) {
   const { time, low, high, size, step } = piece, width = size * step, gap = size > 1 ? 1.5 * width : 2.5 * step;
-  const [first, last] = visible(piece, begin, end);
-  let down = false, before = 0, height = 0;
-  for (let i = first; i < last; i += 1) {
-    if (!(low[i] <= high[i])) { down = false; continue; }
-    if (down && time[i] - before > gap) down = false;
-    before = time[i];
+  const [first, last] = visible(piece, begin, end), known = (i) => low[i] <= high[i];
+  for (let from = first, to; from < last; from = to) {
+    to = from + 1;
+    if (!known(from)) continue;
+    while (to < last && known(to) && time[to] - time[to - 1] < gap) to += 1;
     if (size > 1) {
-      const at = x(time[i] + width / 2), [bottom, top] = [y(low[i]), y(high[i])];
-      const near = !down || Math.abs(bottom - height) <= Math.abs(top - height), to = near ? bottom : top;
-      if (down) pen.lineTo(at, to); else pen.moveTo(at, to);
-      height = near ? top : bottom;
-      pen.lineTo(at, height);
+      pen.moveTo(x(time[from]), y(high[from]) - half);
+      for (let i = from; i < to; i += 1) pen.lineTo(x(time[i] + width / 2), y(high[i]) - half);
+      pen.lineTo(x(time[to - 1] + width), y(high[to - 1]) - half);
+      pen.lineTo(x(time[to - 1] + width), y(low[to - 1]) + half);
+      for (let i = to - 1; i >= from; i -= 1) pen.lineTo(x(time[i] + width / 2), y(low[i]) + half);
+      pen.lineTo(x(time[from]), y(low[from]) + half);
+      pen.closePath();
     } else {
-      const at = x(time[i]), to = y(low[i]);
-      if (!down) pen.moveTo(at, to); else if (stepped) pen.lineTo(at, height);
-      pen.lineTo(at, to);   // a dot for a sample alone, with round ends
-      height = to;
+      pen.moveTo(x(time[from]), y(low[from]));
+      for (let i = from; i < to; i += 1) {
+        if (stepped && i > from) pen.lineTo(x(time[i]), y(low[i - 1]));
+        pen.lineTo(x(time[i]), y(low[i]));   // at the first one a dot, with round ends
+      }
     }
-    down = true;
   }
 }

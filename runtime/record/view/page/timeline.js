@@ -83,12 +83,12 @@ export class Timeline {
     for (const { piece, offset, place } of world.preview) {
       const [low, high] = extent(piece, -Infinity, Infinity);
       if (!(low < high)) continue;
-      ctx.strokeStyle = colours()[place % colours().length];
-      ctx.globalAlpha = 0.55;
+      ctx.strokeStyle = ctx.fillStyle = colours()[place % colours().length];
+      ctx.globalAlpha = 0.5;
       ctx.lineWidth = 1;
       ctx.beginPath();
-      trace(ctx, piece, -Infinity, Infinity, (time) => this.x(time + offset), (value) => bottom - 3 - (value - low) / (high - low) * (bottom - top - 6));
-      ctx.stroke();
+      trace(ctx, piece, -Infinity, Infinity, (time) => this.x(time + offset), (value) => bottom - 3 - (value - low) / (high - low) * (bottom - top - 6), false, 0.5);
+      if (piece.size > 1) ctx.fill(); else ctx.stroke();
       ctx.globalAlpha = 1;
     }
     ctx.fillStyle = colour.bad;
