@@ -88,7 +88,7 @@ class Recording:
                 else:
                     kind = "fault"
                     culprit = event.get("culprit")
-                    text = f"Fault: {event['status']}{f' of {names.block_name(culprit)}' if culprit else ''}"
+                    text = f"Fault{f' of {names.block_name(culprit)}' if culprit else ''}: {event['status']}"
             elif event.get("lines"):
                 kind, text = "other", " ".join(map(str, event["lines"]))
             else:

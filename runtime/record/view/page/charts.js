@@ -74,7 +74,7 @@ export class Frame {
     const fixed = { auto: false, range: (plot, low, high) => [low, high] };
     this.plot = new uPlot({
       width: Math.max(200, this.body.clientWidth), height: HEIGHT, legend: { show: false }, ms: 1e-3,
-      cursor: { show: false }, padding: [8, 12, 0, 0],
+      cursor: { show: false }, padding: [8, 18, 0, 0],
       scales: { x: { time: false, ...fixed }, y: fixed },
       axes: [{ ...axis, label: xLabel, labelSize: 18, size: 26, gap: 5, values: xValues, ...(incrs ? { incrs } : {}) },
         { ...axis, label: yLabel, labelSize: 18, size: 50, gap: 4, splits: ySplits,
@@ -196,10 +196,10 @@ export class TimeChart {
       ctx.setLineDash(DASHES[place % DASHES.length].map((part) => part * ratio));
       ctx.beginPath();
       trace(ctx, piece, begin - offset, end - offset, at, y, this.stepped, 0.8 * ratio);
-      ctx.globalAlpha = piece.size > 1 && this.shown.length > 1 ? 0.65 : 1;   // a curve behind shows through
+      const [first, last] = visible(piece, begin - offset, end - offset);
+      ctx.globalAlpha = piece.size > 1 && this.shown.length > 1 ? 0.85 : 1;   // a curve behind shows through
       if (piece.size > 1) ctx.fill(); else ctx.stroke();
       ctx.globalAlpha = 1;
-      const [first, last] = visible(piece, begin - offset, end - offset);
       if (piece.size === 1 && at(piece.step) - at(0) > SPARSE * ratio) {
         ctx.setLineDash([]);
         ctx.beginPath();
@@ -231,7 +231,7 @@ export class TimeChart {
     const text = (value) => withUnit(value / this.signal.factor, this.signal);
     if (!(at[0] <= at[1])) return "–";
     const [low, high] = at.map(text);
-    return low === high ? low : `${low.replace(/ ?[^\d]+$/, "")} to ${high}`;
+    return low === high ? low : `${low.replace(/ ?[^\d]+$/, "") || low} to ${high}`;
   }
 
   describe() {

@@ -102,8 +102,8 @@ function plot(figure, left, top, width, head, labelled, number) {
   figure.curves.forEach((curve, order) => {
     const place = curve.place ?? order, stroke = LIGHT[place % LIGHT.length];
     if (curve.band) out.push(`<path d="${pathOf(curve.band, x, y)}" fill="${stroke}" fill-opacity="0.2"/>`);
-    out.push(`<path d="${pathOf(curve.trace, x, y)}" ${curve.area ? `fill="${stroke}" fill-opacity="${figure.curves.length > 1 ? 0.65 : 1}"` :
-      `stroke="${stroke}"${dash(place)}`}/>`);
+    out.push(`<path d="${pathOf(curve.trace, x, y)}" stroke="${stroke}"` +
+      `${curve.area ? ` stroke-width="0.2" fill="${stroke}" opacity="${figure.curves.length > 1 ? 0.75 : 1}"` : dash(place)}/>`);
   });
   out.push("</g>");
   line(left, top, left, top + PLOT, INK, 'stroke-width="0.6"');

@@ -72,8 +72,22 @@ export class Timeline {
   }
 
   draw() {
-    const { canvas, world } = this, ratio = devicePixelRatio, width = this.width, height = this.place.clientHeight;
+    const { world, width } = this;
     if (!width) return;
+    const drawn = [theme(), world.lines, world.first, world.last, width, devicePixelRatio, ...world.preview.map(({ piece }) => piece)];
+    if (drawn.length !== this.drawn?.length || drawn.some((each, index) => each !== this.drawn[index])) this.drawAll(this.drawn = drawn);
+    const { begin, end } = world, [left, right] = [Math.max(0, this.x(begin)), Math.min(width, this.x(end))];
+    this.brush.style.left = `${Math.min(left, width - 6)}px`;
+    this.brush.style.width = `${Math.max(6, right - left)}px`;
+    this.brush.ariaValueMin = world.first;
+    this.brush.ariaValueMax = world.last;
+    this.brush.ariaValueNow = (begin + end) / 2;
+    this.brush.ariaValueText = `${timeText(begin)} to ${timeText(end)}`;
+  }
+
+  // All but the window, which an element shows.
+  drawAll() {
+    const { canvas, world, width } = this, ratio = devicePixelRatio, height = this.place.clientHeight;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio))
       [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     const ctx = canvas.getContext("2d"), colour = theme();
@@ -84,7 +98,7 @@ export class Timeline {
       const [low, high] = extent(piece, -Infinity, Infinity);
       if (!(low < high)) continue;
       ctx.strokeStyle = ctx.fillStyle = colours()[place % colours().length];
-      ctx.globalAlpha = 0.5;
+      ctx.globalAlpha = 0.6;
       ctx.lineWidth = 1;
       ctx.beginPath();
       trace(ctx, piece, -Infinity, Infinity, (time) => this.x(time + offset), (value) => bottom - 3 - (value - low) / (high - low) * (bottom - top - 6), false, 0.5);
@@ -110,13 +124,6 @@ export class Timeline {
     });
     const order = (line) => SHAPES.indexOf(line.kind);
     for (const line of [...world.lines].sort((a, b) => order(a) - order(b))) this.shape(ctx, line, colour, bottom);
-    const { begin, end } = world, [left, right] = [Math.max(0, this.x(begin)), Math.min(width, this.x(end))];
-    this.brush.style.left = `${Math.min(left, width - 6)}px`;
-    this.brush.style.width = `${Math.max(6, right - left)}px`;
-    this.brush.ariaValueMin = world.first;
-    this.brush.ariaValueMax = world.last;
-    this.brush.ariaValueNow = (begin + end) / 2;
-    this.brush.ariaValueText = `${timeText(begin)} to ${timeText(end)}`;
   }
 
   shape(ctx, { time, kind }, colour, bottom) {

@@ -443,7 +443,7 @@ function figures(leg) {
   const head = several ? [element("tr", {}, element("td"), ...leg.of.map((each) => element("th", { scope: "col" }, sources[each.recording].recording.label)))] : [];
   const rows = leg.of[0].figures.map((first, index) => element("tr", {}, element("th", { scope: "row" }, first.name),
     ...leg.of.map((each) => element("td", {}, cell(each.figures[index])))));
-  return element("div", { className: "card scroll" }, element("table", {}, ...head, ...rows));
+  return element("div", { className: "card scroll", tabIndex: 0, role: "region", ariaLabel: `figures of ${leg.title}` }, element("table", {}, ...head, ...rows));
 }
 
 // Picture of the plots of the open tab

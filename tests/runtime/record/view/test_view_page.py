@@ -1,14 +1,17 @@
 """The page of `view` in a real browser: signals, timeline, strides, two trials over each other, and pictures."""
 
 import base64
+import importlib.resources
 import re
 import xml.etree.ElementTree as ElementTree
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
+from tests.runtime.record.panel.test_page import violations
 from tests.runtime.record.view.recorded import trial, viewing
 from tests.runtime.record.view.test_view import damaged
 
@@ -98,6 +101,7 @@ def test_one_recording_is_shown_moved_read_and_saved(trials, new_tab, tmp_path):
         assert tab.problems == []
 
 
+@pytest.mark.skipif(find_spec("axe_core_python") is None, reason="of the extra `test`")
 def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, tmp_path):
     with viewing(tmp_path, *trials) as (_, address):
         tab = opened(new_tab, address)
@@ -119,12 +123,14 @@ def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, t
         table = tab.text(".leg table")
         assert "without" in table and re.search(r"Torque, peak\s+1\.00 ± 0\.00 N·m\s+5\.00 ± 0\.00 N·m", table), table
         assert b"assisted, " in saved(tab, "svg")
+        tab.evaluate(importlib.resources.files("axe_core_python").joinpath("axe.min.js").read_text())
         for width in (390, 1024, 1920):
-            tab.look(width)
+            tab.look(width, dark=width == 1024)
             for name in ("strides", "curves"):
                 tab.click(f"#tab-{name}")
                 tab.wait_for(f"!document.getElementById('{name}').hidden")
                 assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth"), (width, name)
+                assert violations(tab) == []
         assert tab.problems == []
 
 
