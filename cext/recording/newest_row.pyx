@@ -8,7 +8,7 @@ with each record, and the space of a record is written again after a whole ring 
 
 import numpy as np
 
-from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
+from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy
 
 from cext.abi cimport FRAME_BYTES, Frame
@@ -25,12 +25,12 @@ cdef class NewestRow:
 
     shared : SharedState of the run
     columns : number of its recorded signals
-    buses : number of its buses, whose frames are counted
+    buses : for each bus whose frames are counted, whether it is a CAN bus, whose bits are counted too
 
     values : float64 array (columns,) of the newest row that `look` has found
     first, second : float64 arrays (columns,), smallest and largest value of the rows since the `look` before, in the
         order of time; NaN is none of them
-    traffic : int64 array (buses, 3): frames received, frames sent, and their bits on the wire of a CAN bus
+    traffic : int64 array (buses, 3): frames received, frames sent, and the bits of both
     """
 
     cdef SharedState shared
@@ -41,9 +41,10 @@ cdef class NewestRow:
     cdef double[:] earlier, later  # of low and high
     cdef int64_t[:] low_at, high_at
     cdef int64_t[:, :] counts   # of the traffic
+    cdef uint8_t[:] can         # of each bus
     cdef readonly int64_t tick  # tick of that row; -1 before the first
 
-    def __init__(self, SharedState shared, int columns, int buses=0):
+    def __init__(self, SharedState shared, int columns, buses=()):
         self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1
         row = np.full(2 + columns, np.nan)
         self.row, self.values = row, row[2:]
@@ -51,8 +52,8 @@ cdef class NewestRow:
         self.earlier, self.later = self.first, self.second
         self.low, self.high = np.empty(columns), np.empty(columns)
         self.low_at, self.high_at = np.zeros(columns, np.int64), np.zeros(columns, np.int64)
-        self.traffic = np.zeros((buses, 3), np.int64)
-        self.counts = self.traffic
+        self.traffic = np.zeros((len(buses), 3), np.int64)
+        self.counts, self.can = self.traffic, np.array(buses, np.uint8)
         self.cursor = load_u64(&shared.layout.tail)
 
     cdef bint intact(self, uint64_t place) noexcept:
@@ -75,7 +76,8 @@ cdef class NewestRow:
         """Take a frame into the traffic."""
         if frame.bus < self.counts.shape[0] and frame.length <= FRAME_BYTES:
             self.counts[frame.bus, frame.sent != 0] += 1
-            self.counts[frame.bus, 2] += bits_of(frame)
+            if self.can[frame.bus]:
+                self.counts[frame.bus, 2] += bits_of(frame)
 
     def look(self) -> bool:
         """Read the newest row, and those before it. Returns whether it is newer than the one before."""

@@ -47,7 +47,7 @@ class View:
         self.table = table.read(shared)
         # parameters that no page may change, because the page never arms
         self.withheld = {each.path for each in self.table.parameters if each.path.rpartition(".")[2] == ARMING}
-        self.row = NewestRow(shared, len(plan["signals"]), len(plan["buses"]))
+        self.row = NewestRow(shared, len(plan["signals"]), [name in plan["bitrates"] for name in plan["buses"]])
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENT_LIMIT)
         self.history: deque[tuple[float, ...]] = deque(maxlen=RATE_WINDOW)
         self.complete = False  # whether the recording is complete
