@@ -11,13 +11,14 @@ const LOG_LIMIT = 500;                 // events that are listed
 const SHORTEST = 0.02;                 // s, of a window
 const TELL_PERIOD = 400;               // ms after the last movement, until a screen reader is told
 const EVENT_SPAN = 10;                 // s around an event, when the whole recording was shown
+const RECONNECT_PERIOD = 1000;         // ms
 const SIDES = /^(.*), (left|right)$/;
 
 const $ = (id) => document.getElementById(id);
 const answers = new Map();             // {id of a question: function of its answer}
 const world = { begin: 0, end: 1, first: 0, last: 1, lines: [], gaps: [], preview: [] };
 let socket = null, sources = [], charts = new Map(), shown = new Set(), legs = [], ids = 0, cursor = null, drawing = 0, telling = 0;
-let strideQuestion = "", averages = null;
+let hello = "", strideQuestion = "", averages = null;
 
 const timeline = new Timeline($("track"), world, show, go);
 const watcher = new IntersectionObserver((entries) => {
@@ -32,8 +33,10 @@ function connect() {
   socket = new WebSocket(`ws://${location.host}/socket`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => { if (typeof data === "string") take(JSON.parse(data)); else takeWindow(data); };
-  socket.onclose = () => alarm(sources.length ? "The process that reads the recordings has ended: `view` in a terminal starts it again." :
-    "Cannot connect to the process that reads the recordings.");
+  socket.onclose = () => {
+    alarm("No link to the process that reads the recordings. If it has ended, start `view` again in a terminal.");
+    setTimeout(connect, RECONNECT_PERIOD);
+  };
 }
 
 function alarm(text) {
@@ -48,7 +51,7 @@ function ask(question, then) {
 }
 
 function take(message) {
-  if (message.type === "hello") takeHello(message.recordings);
+  if (message.type === "hello") takeLink(message.recordings);
   else if (message.type === "progress") takeProgress(message.shares);
   else if (message.type === "average") { answers.get(message.id)(message); answers.delete(message.id); }
 }
@@ -77,6 +80,20 @@ function takeProgress(shares) {
 
 // Recordings
 
+// Begin, or continue after a lost link: the answers that were due will not come.
+function takeLink(recordings) {
+  const text = JSON.stringify(recordings);
+  if (hello && hello !== text) { location.reload(); return; }
+  alarm(recordings.flatMap((each) => [each.trouble, each.unverified ? `${each.unverified} ticks of ${each.file} are not verified by a checksum` : ""])
+    .filter(Boolean).map(capital).join("\n"));
+  if (!hello) takeHello(recordings);
+  hello = text;
+  answers.clear();
+  strideQuestion = "";
+  for (const source of sources) source.busy = false;
+  wantStrides();
+}
+
 function takeHello(recordings) {
   sources = recordings.map((recording, index) => new Source(index, recording, ask));
   const [first] = recordings, several = recordings.length > 1;
@@ -92,8 +109,6 @@ function takeHello(recordings) {
     for (const [name, value] of Object.entries(first.fields)) facts.push([name.replaceAll("_", " "), value]);
   }
   $("facts").replaceChildren(...facts.map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value))));
-  alarm(recordings.flatMap((each) => [each.trouble, each.unverified ? `${each.unverified} ticks of ${each.file} are not verified by a checksum` : ""])
-    .filter(Boolean).map(capital).join("\n"));
   showEnd(recordings);
   buildTrials(recordings);
   align("0");

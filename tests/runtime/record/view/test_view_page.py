@@ -11,6 +11,7 @@ import pytest
 
 from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
+from tests.runtime.record.panel.panels import free_port
 from tests.runtime.record.panel.test_page import violations
 from tests.runtime.record.view.recorded import trial, viewing
 from tests.runtime.record.view.test_view import damaged
@@ -134,11 +135,20 @@ def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, t
         assert tab.problems == []
 
 
-def test_a_damaged_recording_and_a_lost_process_are_reported(new_tab, tmp_path):
+def test_a_damaged_recording_and_a_lost_process_are_reported(trials, new_tab, tmp_path):
     path = trial(tmp_path, "walk", ticks=20_000)
     damaged(path)
-    with viewing(tmp_path, path) as (process, address):
+    port = ("--port", str(free_port()))
+    with viewing(tmp_path, path, *port) as (process, address):
         tab = opened(new_tab, address)
         assert tab.text("#word") == "Incomplete" and f"{Path(path).name} is damaged" in tab.text("#alarm")
+        tab.evaluate("window.before = true")
         process.kill()
-        tab.wait_for("document.getElementById('alarm').innerText.includes('has ended')")
+        tab.wait_for("document.getElementById('alarm').innerText.startsWith('No link')")
+    with viewing(tmp_path, path, *port):
+        tab.wait_for("document.getElementById('alarm').innerText.includes('is damaged')")
+        keys(tab, *["+"] * 8)
+        tab.wait_for("document.querySelector('.plot').ariaLabel.includes('50.2 s')")
+        assert tab.evaluate("window.before")
+    with viewing(tmp_path, trials[0], *port):  # another recording
+        tab.wait_for("!window.before && document.getElementById('word')?.innerText === 'Complete'")
