@@ -7,6 +7,7 @@ import os
 import signal
 import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
 
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
@@ -85,8 +86,8 @@ async def serve(viewer: Viewer, port: int | None, browser: bool) -> int:
         which = f"port {port} is" if port else f"the ports {FIRST_PORT} to {ports[-1]} are"
         raise BadInput(f"cannot listen on {HOST}: {which} in use. Pass another one, as in --port 8500")
     print_lines([viewer.address])
-    if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        await asyncio.to_thread(webbrowser.open, viewer.address)
+    if browser:
+        await asyncio.to_thread(open_page, viewer.address)
     building = asyncio.create_task(viewer.build())
     await asyncio.wait([ended, building], return_when=asyncio.FIRST_COMPLETED)
     if building.done():
@@ -94,3 +95,12 @@ async def serve(viewer: Viewer, port: int | None, browser: bool) -> int:
     number = await ended
     await viewer.close()
     return OK if number == signal.SIGINT else 128 + number
+
+
+def open_page(address: str) -> None:
+    """Open a page if there is a display, and a browser that does not take the terminal."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    with suppress(webbrowser.Error):
+        if type(found := webbrowser.get()) is not webbrowser.GenericBrowser:
+            found.open(address)

@@ -62,9 +62,9 @@ def trial(folder, stem, mark=800, ticks=4000, **how):
 
 
 @contextlib.contextmanager
-def viewing(folder, *words):
+def viewing(folder, *words, options=("--no-browser",), **how):
     """The process of `view`. Yields (process, address of its page); ended by Ctrl-C, unless it has ended before."""
-    with started("view", *words, "--no-browser", cwd=folder) as process:
+    with started("view", *words, *options, cwd=folder, **how) as process:
         try:
             yield process, process.stdout.readline().strip()
         finally:

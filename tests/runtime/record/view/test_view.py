@@ -6,6 +6,7 @@ import socket
 import struct
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -19,6 +20,7 @@ import runtime
 from tests.checkout import ROOT
 from tests.runtime.record.panel.panels import free_port
 from tests.runtime.record.view.recorded import SIGNALS, TORQUE, trial, viewing
+from tests.runtime.runs import environment
 
 
 class Page:
@@ -146,6 +148,22 @@ def test_only_the_pages_of_this_process_connect_and_malformed_questions_end_them
         assert page.window([], 0.0, 1.0, 10.0)[1] == {}
         page.ask(do="average", of=[[0, 1e9, 2e9]], paths=["left/imu.nothing"])
         assert page.take("average")["legs"] == []
+
+
+@pytest.mark.parametrize(
+    "options, words, opens", [([], "%s &", True), (["--no-browser"], "%s &", False), ([], "%s", False)]
+)
+def test_the_page_is_opened_in_a_browser_that_leaves_the_terminal(tmp_path, options, words, opens):
+    (script := tmp_path / "browser").write_text(f"#!/bin/sh\necho $1 > {tmp_path / 'opened'}\n")
+    script.chmod(0o755)
+    env = environment(DISPLAY=":9", BROWSER=f"{script} {words}")
+    with viewing(tmp_path, trial(tmp_path, "walk", ticks=10), options=options, env=env) as (process, address):
+        Page(address)
+        for _ in range(100 if opens else 1):
+            if (tmp_path / "opened").exists():
+                break
+            time.sleep(0.02)
+        assert (tmp_path / "opened").exists() is opens
 
 
 def test_the_command_needs_nothing_that_was_compiled():
