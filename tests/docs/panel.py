@@ -1,4 +1,4 @@
-"""Pictures of the panel for its page: `python -m tests.docs.panel`, with Chromium, renews docs/how_to/images."""
+"""Pictures of the panel and of `view`: `python -m tests.docs.panel`, with Chromium, renews docs/how_to/images."""
 
 import shutil
 import subprocess
@@ -11,7 +11,8 @@ from PIL import Image
 
 from tests.runtime.record.panel.chromium import browser
 from tests.runtime.record.panel.panels import free_port
-from tests.runtime.runs import started, write
+from tests.runtime.record.view.recorded import viewing
+from tests.runtime.runs import finished, started, write
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "how_to" / "images"
@@ -38,6 +39,17 @@ PICTURES = {
     ),
     "panel_subject": ("subject", 1024, 640, False, ""),
 }
+VIEW_PICTURES = {  # name: (recordings, the two trials without, width, height, dark, script)
+    "view_signals": (
+        ["recordings"],
+        1280,
+        900,
+        False,
+        "for (const id of ['signals', 'happened']) document.getElementById(id).open = true; "
+        "for (const key of ['p', '+']) dispatchEvent(new KeyboardEvent('keydown', { key }))",
+    ),
+    "view_strides": ([], 1280, 1000, True, "document.getElementById('tab-strides').click()"),
+}
 
 
 def main() -> None:
@@ -59,9 +71,32 @@ def main() -> None:
             tabs[path].look(width, dark, height)
             tabs[path].evaluate(script)
             time.sleep(2.0)
-            file = IMAGES / f"{picture}.png"
-            tabs[path].picture(file)
-            Image.open(file).convert("RGB").quantize(COLOURS).save(file, optimize=True)
+            save(tabs[path], picture)
+        run.terminate()
+        run.communicate(timeout=30)
+        trials = [record(folder, name, scale) for name, scale in (("without", 0.0), ("assisted", 0.8))]
+        for picture, (words, width, height, dark, script) in VIEW_PICTURES.items():
+            with viewing(folder, *(words or trials)) as (_, address):
+                tab = new_tab(address)
+                tab.look(width, dark, height)
+                tab.wait_for("/\\d/.test(document.querySelector('.legend .value')?.innerText)")
+                tab.evaluate(script)
+                time.sleep(2.0)
+                save(tab, picture)
+
+
+def record(folder: Path, name: str, scale: float) -> Path:
+    """Record a run in virtual time. Returns the folder of the recording."""
+    words = ("knee_exo.py", "--fast", "--duration", "40", "--record", name, "--trial", f"condition={name}")
+    assert finished(*words, "--set", f"*/profile.scale={scale}", cwd=folder).returncode == 0
+    return folder / name
+
+
+def save(tab, picture: str) -> None:
+    """Write a picture of what a tab shows."""
+    file = IMAGES / f"{picture}.png"
+    tab.picture(file)
+    Image.open(file).convert("RGB").quantize(COLOURS).save(file, optimize=True)
 
 
 if __name__ == "__main__":
