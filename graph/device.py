@@ -244,6 +244,10 @@ class Actuator(Device):
         """Return the Deviations of its settings from the table of its model. By default it has no table."""
         return ()
 
+    def compared_in_words(self) -> str:
+        """Return the measurements of its replies that arming compares with its parameters, "" for none."""
+        return ""
+
     def assumptions(self) -> Sequence[tuple[str, str]]:
         """Return (number, reason) of each assumed number of its model on which its limit rests."""
         return ()

@@ -39,6 +39,19 @@ class Emulated(Ranges):
         kernel=False,
     )
     turns = Param(0, "1", "initial error of the reading in motor turns", fixed=True, kernel=False)
+    torque_scale = Param(
+        1.0,
+        "1",
+        "torque of the motor over the torque that the drive computes and reports, as with another torque constant",
+        above=0.0,
+        fixed=True,
+    )
+    wrap = Param(
+        0.0, "rad", "range of the reading, which wraps, as 2π of a drive without turns; 0: none", min=0.0, fixed=True
+    )
+    zero_silence = Param(
+        0.0, "s", "time for which the drive neither receives nor replies after its zero was set", min=0.0, fixed=True
+    )
     trip_temperature: Param[Any] = Param(math.inf, "°C", "temperature of the over-temperature fault", fixed=True)
 
     position = Input("rad", "position of the joint")
@@ -64,9 +77,9 @@ class Emulated(Ranges):
     wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque of the last command")
     state: Memory = Memory(
-        (0.0,) * 7,
+        (0.0,) * 8,
         "1 if enabled, zero of the encoder, random state, position of a stuck encoder, 1 if it is stuck, time of the "
-        "last command, motor turn at the joint",
+        "last command, motor turn at the joint, end of the silence after its zero was set",
     )
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "pending replies")
 
@@ -104,9 +117,10 @@ class Emulated(Ranges):
         if self.peak is None:
             self.peak = self.spec.peak * self.gear_ratio
         shift = self.spec.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
-        self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
+        self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift, 0.0)
 
     def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         """Return the ranges of torque and enabled."""
         peak: Any = self.peak
+        peak *= self.torque_scale
         return {"torque": Interval(-peak, peak), "enabled": Interval(0.0, 1.0)}

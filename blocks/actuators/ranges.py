@@ -59,7 +59,7 @@ class Ranges(Gear):
         if missing:
             raise ValueError(
                 f"no source states {', '.join(missing)} of {spec.name}, so the meaning of its codes is unknown: use "
-                "CubeMarsServo in servo mode, which needs none of them, or pass those that were measured on this unit"
+                "servo mode, which needs none of them, or pass those that were measured on this unit"
             )
 
 

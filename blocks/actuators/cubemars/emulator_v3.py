@@ -28,6 +28,9 @@ class Board(Emulated):
         fixed=True,
         kernel=False,
     )
+    command_timeout = Param(
+        0.0, "s", "time without a command after which it gives no current; 0: never", min=0.0, fixed=True
+    )
     scales = Memory((0.0,) * 3, "rad and rad/s per code of the status, N·m per ampere, at the joint")
     board = Memory((0.0,) * 2, "1 if the board has force control, 1 if that mode must be entered")
     motion = Memory(

@@ -23,6 +23,7 @@ CURRENT_CODE = 0.01  # A, of a status
 DISABLED = 0x77  # error byte of a status that answers a disable
 QUIET = 0.32  # A, below which a drive that is set up is at rest
 
+ERRORS = CODE, MASK = "code", "mask"  # meanings of the error byte in MIT mode
 REPLIES = (8, 7, 6)  # bytes in MIT mode: temperature and error only in 8
 
 FAULTS = {  # error codes of MIT mode
@@ -35,6 +36,13 @@ FAULTS = {  # error codes of MIT mode
     6: "transistors too hot",
     7: "stalled",
 }
+# of firmware whose error byte is a mask: FAULTS where its bits are not those of a temperature
+MASKED_FAULTS = FAULTS | {
+    1: "bit 0, which stops the drive and which no source explains",
+    4: "above 120 °C (bit 2); under-voltage if its error byte is a code",
+    6: "above 120 °C (bits 1 and 2); transistors too hot if its error byte is a code",
+}
+WARM = "over-current; in firmware whose error byte is a mask (errors='mask'), a warning above 80 °C"
 EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", DISABLED: "reports that it is disabled"}
 
 

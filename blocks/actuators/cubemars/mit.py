@@ -6,11 +6,11 @@ from typing import Any
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
-from blocks.actuators.cubemars.frames import FAULTS, REPLIES
+from blocks.actuators.cubemars.frames import ERRORS, FAULTS, MASK, MASKED_FAULTS, REPLIES, WARM
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels.devices.cubemars import mit as kernels
-from graph import Actuator, Param
+from graph import Actuator, Memory, Param
 
 
 class CubeMars(StopInMitMode, Joint, Actuator):
@@ -30,16 +30,33 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         fixed=True,
     )
 
+    errors = Param(
+        "",
+        "1",
+        "meaning of the drive's error byte: a code, or a mask of bits of which 2 alone is a warning above 80 °C; the "
+        "model's by default",
+        choices=("", *ERRORS),
+        fixed=True,
+        kernel=False,
+    )
+    masks = Memory(0.0, "1 if the error byte is a mask")
+
     unread_settings = ("mode", "current limit", "time-out")
-    hardware = (*Joint.hardware, "reply")
+    hardware = (*Joint.hardware, "reply", "errors")
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode
 
+    def configure(self) -> None:
+        super().configure()
+        self.masks = float((self.errors or self.spec.errors) == MASK)
+
     def fault_in_words(self, code: int) -> str:
         if self.reply != 8 and not code:
             return "not reported"
-        return FAULTS.get(code, f"code {code}, not listed in the manual")
+        if code == 2 and not self.masks:
+            return WARM
+        return (MASKED_FAULTS if self.masks else FAULTS).get(code, f"code {code}, not listed in the manual")
 
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
         return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())

@@ -79,6 +79,7 @@ class Model(Motor):
     gear : reduction
     rated_rms_current, peak_rms_current : A RMS, of the product page
     supply : (lowest, highest) operating voltage of the board in V
+    errors : "code", or "mask" of a firmware whose error byte is a mask of bits
     """
 
     name: str
@@ -96,6 +97,7 @@ class Model(Motor):
     wire_stiffness: float = STIFFNESS
     wire_damping: float = DAMPING
     generation: int = 2
+    errors: str = "code"  # meaning of the error byte in MIT mode
     sources: tuple[tuple[str, Source], ...] = ()
     range_sets: tuple[RangeSet, ...] = ()
 
@@ -132,6 +134,7 @@ MODELS = {
             14,
             V2_2,
             wire_position=12.56,
+            errors="mask",
             sources=(*of(WIRES, FIRMWARE, AK40_10_FIRMWARE), *MINI),
             range_sets=(
                 RangeSet("firmware", (12.56, 45.0, STIFFNESS, DAMPING, 5.0), Source(FIRMWARE, AK40_10_FIRMWARE)),

@@ -5,12 +5,14 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 
 import struct
 from collections.abc import Sequence
+from typing import Any
 
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
 MODE_BITS = 3 << 22  # of the identifier of FEEDBACK and REPORT: 0 for a drive that is not enabled
 GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of configuration; a CyberGear interprets 22 as its baud rate
 NEWCOMER = 0xFE  # target of the answer to GET_ID
 
+MECH_POS, MECH_VEL = 0x7019, 0x701B  # measured, which arming compares with the replies
 RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B
 LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = (
     0x7016,
@@ -109,6 +111,32 @@ def difference(written: Sequence[tuple[int, float]], place: int, bits: int) -> s
         return f"{name} cannot be read back, {value:g} was written"
     layout = WHOLE.get(index, "<f")
     return f"{name} reads {struct.unpack_from(layout, bits.to_bytes(4, 'little'))[0]:g}, {value:g} was written"
+
+
+COMPARED = {9: ("position", 0x7019, "mechPos"), 10: ("velocity", 0x701B, "mechVel")}  # PLACE of settings.pxd
+
+
+def compared_in_words(indices: Sequence[int]) -> str:
+    """Return the measurements that arming compares with parameters, for the table before arming. indices : of those"""
+    names = [quantity for quantity, index, _ in COMPARED.values() if index in indices]
+    return f"{' and '.join(names)} compared with its parameters" if names else ""
+
+
+def disagreement(block: Any, place: int, bits: int) -> str:
+    """Return how the replies of a drive differ from one of its parameters, and the ranges that correct it.
+
+    place, bits : as in `difference`; bits are the ratio of the reply to the parameter
+    """
+    quantity, index, name = COMPARED[place]
+    ratio = struct.unpack("<f", bits.to_bytes(4, "little"))[0]
+    number = 0 if quantity == "position" else 1
+    text = f"the {quantity} in its replies is {ratio:.2g} times its parameter {name} (0x{index:04X})"
+    if not 0.1 < ratio < 10.0:
+        return f"{text}: check its firmware, and whether another program sets its zero"
+    own = block.wire[number] * block.gear_ratio / ratio
+    fits = [each.name for each in getattr(block.spec, "range_sets", ()) if abs(each.values[number] / own - 1.0) < 0.05]
+    cure = f"ranges = {fits[0]!r}" if len(fits) == 1 else f"wire_{quantity} = {own:.3g}"
+    return f"{text}: its firmware has other ranges than the table of {block.spec.name}. Set {cure}"
 
 
 def set_zero(can_id: int, host_id: int) -> tuple[int, bool, bytes]:

@@ -78,6 +78,14 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         fixed=True,
     )
 
+    verify_ranges = Param(
+        True,
+        "1",
+        "whether arming compares the replies with the parameters mechPos and mechVel, and refuses other ranges",
+        fixed=True,
+        kernel=False,
+    )
+
     talk = Memory(
         (0.0,) * 11, "settings read back, last faults, expected replies: cext/kernels/devices/robstride/mit.pyx"
     )
@@ -96,6 +104,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
         self.ready = "talk" if self.own_timeout is not None else None
+        self.compared = (frames.MECH_POS, frames.MECH_VEL) if self.verify_ranges and self.ready else ()
         self.unread_settings = () if self.ready else ("mode", "torque limit", "time-out")
         self.talk = (*[0.0] * 7, READ_AGAIN, *[0.0] * 3)
         self.settings = frames.settings_of(self.written_settings())
@@ -163,7 +172,15 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         ]
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
-        return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", index)) for index, _ in self.written_settings()]
+        """Return the reads of what is compared, and of the settings."""
+        read = (*self.compared, *(index for index, _ in self.written_settings()))
+        return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", index)) for index in read]
+
+    def compared_in_words(self) -> str:
+        return frames.compared_in_words(self.compared)
+
+    def settings_read(self) -> int:
+        return len(self.written_settings())
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, ENABLE)]
@@ -172,6 +189,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         if not code and self.ready is None:
             return "not read before the start"
         place, value = int(code) >> 33, int(code) & 0xFFFFFFFF
+        if int(code) >> 32 & 1 and place in frames.COMPARED:
+            return frames.disagreement(self, place, value)
         if int(code) >> 32 & 1:
             return f"{frames.difference(self.written_settings(), place, value)}; {self.remedy()}"
         return frames.word_in_words(value)

@@ -65,6 +65,13 @@ class RobStride(Joint, Actuator):
     can_timeout = Param(
         0.1, "s", "time without a command after which the drive stops itself; 0 for never", min=0.0, max=5.0, fixed=True
     )
+    verify_ranges = Param(
+        True,
+        "1",
+        "whether arming compares the replies with the parameters mechPos and mechVel, and refuses other ranges",
+        fixed=True,
+        kernel=False,
+    )
     active_reporting = Param(False, "1", "whether the drive also reports every 10 ms", fixed=True)
     velocity_limit = Param(
         2.0, "rad/s", "largest joint velocity in the modes position, csp and velocity", above=0.0, fixed=True
@@ -122,6 +129,7 @@ class RobStride(Joint, Actuator):
         self.unanswered_frames = int(self.active_reporting)
         self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
         self.ready = "read_back"
+        self.compared = (frames.MECH_POS, frames.MECH_VEL)[: 2 if self.mode == "operation" else 1] * self.verify_ranges
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = (
             self.spec.rated_current
@@ -289,6 +297,9 @@ class RobStride(Joint, Actuator):
             written.append((frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0))
         return written
 
+    def compared_in_words(self) -> str:
+        return frames.compared_in_words(self.compared)
+
     def settings_read(self) -> int:
         return len(self.written_settings())
 
@@ -307,9 +318,14 @@ class RobStride(Joint, Actuator):
         return [*sequence, *self.read_frames()]
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
-        """Return the reads of the settings, and the request of the unique number: two numbers are two drives."""
-        settings = [frames.read(index, self.can_id, self.host_id) for index, _ in self.written_settings()]
-        return [self.command(frames.GET_ID), *settings]
+        """Return the reads of what is compared and of the settings, and the request of the unique number."""
+        return [
+            self.command(frames.GET_ID),
+            *(
+                frames.read(index, self.can_id, self.host_id)
+                for index in (*self.compared, *(index for index, _ in self.written_settings()))
+            ),
+        ]
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [self.command(frames.ENABLE)]
@@ -349,6 +365,8 @@ class RobStride(Joint, Actuator):
         if not code & frames.DIFFERENT:
             return frames.in_words(code, meanings)
         value = code >> frames.REPORTED & 0xFFFFFFFF
+        if code >> frames.PLACE in frames.COMPARED:
+            return frames.disagreement(self, code >> frames.PLACE, value)
         differs = frames.difference(self.written_settings(), code >> frames.PLACE, value)
         others = frames.in_words(code & (frames.DIFFERENT - 1), meanings)
         return "; ".join([differs, *[others] * bool(others), self.remedy()])

@@ -15,13 +15,14 @@ cdef struct Drive:              # items of blocks.actuators.emulated.EmulatedDri
     int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost, stray_torque      # injected faults
     int32_t torque, enabled
     int32_t can_id, invert, offset, gear_ratio, peak, trip_temperature
+    int32_t torque_scale, wrap, zero_silence
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
     # position, velocity, stiffness, damping, torque last received, at the joint, in the motor's direction
     int32_t command
     int32_t state               # the enum below
     int32_t outbox              # first, count, then ANSWERS times: time due, identifier, length, eight raw bytes
 
-cdef inline str drive_sizes(): return "wire[5] command[5] state[7] outbox[...]"
+cdef inline str drive_sizes(): return "wire[5] command[5] state[8] outbox[...]"
 
 cdef enum: # in `state`
     RUNNING                     # whether it is enabled
@@ -31,6 +32,7 @@ cdef enum: # in `state`
     HOLDS                       # whether the encoder is stuck
     LAST_COMMAND                # s, time of the last command
     SHIFT                       # rad at the joint, one motor turn: without power the encoder does not count turns
+    DEAF_UNTIL                  # s, end of the silence after its zero was set
 
 cdef enum:
     ANSWERS = 24
@@ -49,7 +51,7 @@ cdef inline bint drops(double *arena, const Drive *at) noexcept nogil:
 
 cdef inline bint unreachable(double *arena, const Drive *at) noexcept nogil:
     """Return whether a frame to this drive is lost."""
-    return arena[at.power_lost] != 0.0 or drops(arena, at)
+    return arena[at.power_lost] != 0.0 or arena[TIME] < (arena + at.state)[DEAF_UNTIL] or drops(arena, at)
 
 
 cdef inline void owe(double *arena, const Drive *at, uint32_t id, int length, const uint8_t *data) noexcept nogil:
@@ -111,6 +113,11 @@ cdef inline double strayed(double *arena, const Drive *at, double torque) noexce
         arena[at.peak])
 
 
+cdef inline double produced(double *arena, const Drive *at, double torque) noexcept nogil:
+    """Return the torque at the joint of a torque that the drive computes and reports."""
+    return turned(arena, at, arena[at.torque_scale] * torque)
+
+
 cdef inline double true_position(double *arena, const Drive *at) noexcept nogil:
     return turned(arena, at, arena[at.position] + arena[at.offset])
 
@@ -118,13 +125,24 @@ cdef inline double true_position(double *arena, const Drive *at) noexcept nogil:
 cdef inline double seen_position(double *arena, const Drive *at) noexcept nogil:
     """Return the reading of the encoder relative to its zero."""
     cdef double *state = arena + at.state
-    return (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, at)) - state[ZERO]
+    cdef double reading = (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, at)) - state[ZERO]
+    if arena[at.wrap] > 0.0:
+        reading -= arena[at.wrap] * floor(reading / arena[at.wrap] + 0.5)
+    return reading
 
 
 cdef inline double seen_velocity(double *arena, const Drive *at) noexcept nogil:
     if (arena + at.state)[HOLDS] != 0.0:
         return 0.0
     return turned(arena, at, arena[at.velocity])
+
+
+cdef inline bint set_zero(double *arena, const Drive *at) noexcept nogil:
+    """Make the present position the zero. Returns whether the drive stops replying."""
+    cdef double *state = arena + at.state
+    state[ZERO] += seen_position(arena, at)
+    state[DEAF_UNTIL] = arena[TIME] + arena[at.zero_silence]
+    return arena[at.zero_silence] > 0.0
 
 
 cdef inline void look(double *arena, const Drive *at) noexcept nogil:

@@ -42,7 +42,7 @@ def test_a_motor_of_several_generations_needs_the_boards_name(name):
 @pytest.mark.parametrize(
     "name, said",
     [
-        ("AKA10-9", "no source states wire_position, .*, wire_torque of AKA10-9.*CubeMarsServo in servo mode"),
+        ("AKA10-9", "no source states wire_position, .*, wire_torque of AKA10-9.*use servo mode"),
         ("aka60-6 v3.0", "no source states wire_damping, wire_torque of AKA60-6"),
         ("AK80-64", r"generation V1 or V2: use CubeMars\('AK80-64'\), or CubeMarsServo"),
         ("AK10-9 V2.0", r"generation V1 or V2: use CubeMars\('AK10-9-V2\.0'\)"),

@@ -92,7 +92,7 @@ def drives():
     def drive(model, invert=False):
         if (model, invert) not in made:
             ranges = "manual" if model.name == "AK40-10" else ""
-            made[model, invert] = Wired(CubeMars, model.name, can_id=1, invert=invert, ranges=ranges)
+            made[model, invert] = Wired(CubeMars, model.name, can_id=1, invert=invert, ranges=ranges, errors="code")
             made[model, invert]["limits"] = [*made[model, invert]["wire"], math.inf, 1.0]
         return made[model, invert]
 

@@ -17,7 +17,7 @@ FIELDS = tuple(name for name, _ in reference.FIELDS)
 
 def drive(model, **parameters):
     """A drive whose limits are as wide as its wire: the encoding is tested beyond what a motor may be asked."""
-    wired = Wired(CubeMars, model, **{"can_id": 1, **parameters})
+    wired = Wired(CubeMars, model, **{"can_id": 1, "errors": "code", **parameters})
     wired["limits"] = [*wired["wire"], math.inf, 1.0]
     return wired
 

@@ -52,6 +52,8 @@ def test_arming_verifies_timeout_and_queries_faults_before_enable():
         (5, False, mit.OPERATION),
         (0x405, False, WRITTEN),
         (0x405, False, b"\x0b\x70\0\0" + limit),
+        (0x305, False, b"\x19\x70" + bytes(6)),
+        (0x305, False, b"\x1b\x70" + bytes(6)),
         (0x305, False, b"\x28\x70" + bytes(6)),
         (0x305, False, b"\x0b\x70" + bytes(6)),
         (0x305, False, b"\x05\x70" + bytes(6)),
@@ -341,7 +343,7 @@ def test_arming_again_reads_the_time_out_back_again():
     outcome = rig.run(600, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], notify=lambda what, outcome: None)
     reads = [frame.time for frame in rig.frames if frame.sent and frame.id == 0x305]
     questions = [frame.time for frame in rig.frames if frame.sent and frame.data == QUESTION]
-    assert outcome.status == "ok" and len(outcome.faults) == 1 and len(reads) == 6
+    assert outcome.status == "ok" and len(outcome.faults) == 1 and len(reads) == 10
     assert not [time for time in questions if 0.31e9 < time < 0.6e9], "while it waits nothing is asked"
     assert [time for time in questions if time > 1.5e9]
 

@@ -156,8 +156,10 @@ def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model,
     drive = RobStride(model, mode=mode, gear_ratio=2.0, velocity_limit=1.5, acceleration=4.0)
     listed, values = told(drive)
     assert listed[0] == 4 and drive.set_up_frames()[0][2] == bytes(8), "stopped, and no fault cleared"
-    assert listed[-1] == 3 and 4 not in listed[1:] and len(listed) <= 16 and frames.REPORT not in listed
+    assert listed[-1] == 3 and 4 not in listed[1:] and len(listed) <= 17 and frames.REPORT not in listed
     read = [struct.unpack("<H", data[:2])[0] for identifier, _, data in drive.read_frames() if identifier >> 24]
+    assert read[0] == 0x7019 and (read[1] == 0x701B) == (mode == "operation"), "compared with the replies"
+    read = [index for index in read if index not in (0x7019, 0x701B)]
     assert sorted(read) == sorted(values), "every setting that is written is read back"
     assert listed.index(17) > max(place for place, kind in enumerate(listed) if kind == 18), "after it was written"
     assert values.pop(0x7028) == 2000 and values.pop(0x7005) == number

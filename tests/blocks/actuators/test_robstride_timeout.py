@@ -30,7 +30,7 @@ def test_arming_writes_the_time_out_and_reads_it_back_before_it_enables():
         (18, "28700000d0070000"),
         (17, "2870000000000000"),
     ]
-    assert [identifier >> 24 for identifier, _, _ in listed] == [4, 18, 18, 18, 0, 17, 17, 17]
+    assert [identifier >> 24 for identifier, _, _ in listed] == [4, 18, 18, 18, 0, 17, 17, 17, 17, 17]
     assert [identifier >> 24 for identifier, _, _ in drive.enable_frames()] == [3]
     assert all(data[:2] != b"\x28\x70" for _, _, data in RobStride("CyberGear").set_up_frames())
     plain = RobStride("RS03", can_timeout=0.0)
@@ -89,7 +89,7 @@ class Board(Block):
             if kind == 18:
                 self.written[index] = data[4:]
             if kind == 17:
-                value = self.written[index]
+                value = self.written.get(index)  # none of mechPos and mechVel
                 if index == 0x7028:
                     value = None if self.counts is None else struct.pack("<I", self.counts)
                 if value is not None:

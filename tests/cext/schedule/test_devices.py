@@ -93,7 +93,7 @@ def test_settings_of_a_drive_are_sent_at_one_frame_per_round():
         RobStride("CyberGear", can_id=1, name="knee")(torque_command=1.0)
     rig = Rig(robot)
     steps = rig.schedule.devices[0]
-    assert len(steps.set_up) == 6
+    assert len(steps.set_up) == 8
     assert rig.run(10, arming_timeout=0.1).status == "no answer"
     arming = [frame for frame in rig.frames if frame.sent and frame.time <= 100_000_000]
     asked = [frame.time for frame in arming if frame.data == steps.ask[0][2] and frame.id >> 24 & 31 == 4]

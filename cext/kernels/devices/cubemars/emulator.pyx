@@ -25,8 +25,8 @@ from cext.abi cimport (
 from cext.conversion cimport to_u8
 cimport cext.kernels.devices.cubemars.status as wire
 from cext.kernels.devices.drives cimport (
-    RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
-    seen_velocity, strayed, turned, unreachable, unwritten, within,
+    LAST_COMMAND, RUNNING, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, produced,
+    seen_position, seen_velocity, set_zero, strayed, unreachable, unwritten, within,
 )
 from cext.kernels.devices.fields cimport from_code
 from cext.kernels.devices.mit cimport all_ones
@@ -66,6 +66,7 @@ cdef inline int length_of(uint32_t kind, bint knows_force) noexcept nogil:
 cdef struct Board:
     Drive drive
     int32_t report_rate
+    int32_t command_timeout     # s, 0 for none
     int32_t scales              # rad and rad/s per code of the status, N·m per ampere, at the joint
     int32_t board               # whether it has force control, whether that mode must be entered
     int32_t motion              # the enum above
@@ -136,11 +137,14 @@ cdef int drive_decode_(double *arena, const Board *at, const Board *sizes, const
         release(arena, at)
         (arena + at.motion)[ECHOES] = 1.0
     elif kind == wire.ORIGIN:
-        (arena + at.drive.state)[ZERO] += seen_position(arena, &at.drive)
-    elif kind == wire.FORCE:
-        take_force(arena, at, frame.data)
+        if set_zero(arena, &at.drive):
+            return TAKEN
     else:
-        take(arena, at, kind, frame.data)
+        (arena + at.drive.state)[LAST_COMMAND] = arena[TIME]
+        if kind == wire.FORCE:
+            take_force(arena, at, frame.data)
+        else:
+            take(arena, at, kind, frame.data)
     if arena[at.report_rate] == 0.0:
         owe(arena, &at.drive, 0, 0, NULL)
     return TAKEN
@@ -189,6 +193,9 @@ cdef int drive_kernel(double *arena, const Board *at, const Board *sizes) noexce
         memset(powered, 0, 8)
         powered[0], powered[1], powered[2], powered[3] = 0xFA, 0xFB, 0xFC, 0xFD
         owe(arena, &at.drive, <uint32_t>EXTENDED | wire.POWER_UP << 8 | own_id(arena, &at.drive), 4, powered)
+    if arena[at.command_timeout] > 0.0 and motion[KIND] >= 0.0 and (
+            arena[TIME] - (arena + at.drive.state)[LAST_COMMAND] > arena[at.command_timeout]):
+        motion[KIND], motion[TARGET] = wire.CURRENT, 0.0               # and the next command acts at once
     motion[PUSHES] = strayed(arena, &at.drive, 0.0 if motion[KIND] < 0.0 or error_code(arena, at) != 0
         else law(arena, &at.drive) if motion[KIND] == wire.FORCE else servo_torque(arena, at, motion))
     if rate > 0.0 and arena[TIME] + 1e-9 >= motion[NEXT_REPORT]:
@@ -196,7 +203,7 @@ cdef int drive_kernel(double *arena, const Board *at, const Board *sizes) noexce
         if motion[NEXT_REPORT] <= arena[TIME] + 1e-9:
             motion[NEXT_REPORT] = arena[TIME] + 1.0 / rate
         owe(arena, &at.drive, 0, 0, NULL)
-    arena[at.drive.torque] = turned(arena, &at.drive, motion[PUSHES])
+    arena[at.drive.torque] = produced(arena, &at.drive, motion[PUSHES])
     arena[at.drive.enabled] = (arena + at.drive.state)[RUNNING]
     return OK
 

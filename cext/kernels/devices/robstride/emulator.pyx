@@ -16,8 +16,8 @@ from cext.abi cimport (
 )
 from cext.conversion cimport to_u32
 from cext.kernels.devices.drives cimport (
-    LAST_COMMAND, RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
-    seen_velocity, strayed, turned, unreachable, unwritten, within,
+    LAST_COMMAND, RUNNING, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, produced,
+    seen_position, seen_velocity, set_zero, strayed, unreachable, unwritten, within,
 )
 from cext.kernels.devices.fields cimport from_code, to_code
 
@@ -132,11 +132,10 @@ cdef void read(double *arena, const RobStride *at, uint32_t host, uint32_t index
     cdef uint32_t bits = 0
     if known:
         single = <float>registers[place]
-        if place == MECH_POS:
-            single = <float>(gear * seen_position(arena, &at.drive))
-        elif place == MECH_VEL:
-            single = <float>(gear * seen_velocity(arena, &at.drive))
-        elif place == IQF:
+        if place == MECH_POS or place == MECH_VEL:      # filled in at the end of the step, as the state
+            owe(arena, &at.drive, index << 8 | host, 0, NULL)
+            return
+        if place == IQF:
             single = <float>(motor_torque(arena, at) / gear / (arena + at.memory_of_drive)[TORQUE_CONSTANT])
     if whole(place):
         bits = to_u32(registers[place])
@@ -260,7 +259,8 @@ cdef int heard_decode(double *arena, const RobStride *at, const RobStride *sizes
             tell_firmware(arena, at)
             return TAKEN
     elif type == 6 and data[0] == 1:
-        (arena + at.drive.state)[ZERO] += seen_position(arena, &at.drive)
+        if set_zero(arena, &at.drive):
+            return TAKEN
     elif type == 18:
         write(arena, at, data)
     elif type == 22:
@@ -286,7 +286,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
         stop(arena, at)
     if timeout > 0.0 and state[RUNNING] != 0.0 and arena[TIME] - state[LAST_COMMAND] > timeout:
         stop(arena, at)
-    arena[at.drive.torque] = turned(arena, &at.drive, motor_torque(arena, at))
+    arena[at.drive.torque] = produced(arena, &at.drive, motor_torque(arena, at))
     arena[at.drive.enabled] = state[RUNNING]
     return OK
 
@@ -310,6 +310,15 @@ cdef void unasked(double *arena, const RobStride *at) noexcept nogil:
         owe(arena, &at.drive, 24, 0, NULL)
 
 
+cdef void measured(double *arena, const RobStride *at, uint32_t asked, uint8_t *data) noexcept nogil:
+    """Write the reply to a read of mechPos or mechVel. asked : index << 8 | host"""
+    cdef float single = <float>(arena[at.drive.gear_ratio] * (
+        seen_position(arena, &at.drive) if asked >> 8 & 63 == MECH_POS else seen_velocity(arena, &at.drive)))
+    memset(data, 0, 8)
+    data[0], data[1] = <uint8_t>(asked >> 8), <uint8_t>(asked >> 16)
+    memcpy(&data[4], &single, 4)
+
+
 cdef int answer_encode(double *arena, const RobStride *at, const RobStride *sizes, Frame *frames) noexcept nogil:
     cdef double *wire = arena + at.drive.wire
     cdef double *memory = arena + at.memory_of_drive
@@ -317,6 +326,7 @@ cdef int answer_encode(double *arena, const RobStride *at, const RobStride *size
     cdef uint32_t codes[4]
     cdef uint32_t mode = 2 if (arena + at.drive.state)[RUNNING] != 0.0 else 0
     cdef uint8_t data[8]
+    cdef uint8_t value[8]
     cdef double *answer
     cdef int index, i
     if not answerable(arena, &at.drive):
@@ -331,7 +341,12 @@ cdef int answer_encode(double *arena, const RobStride *at, const RobStride *size
         data[2 * i + 1] = <uint8_t>codes[i]
     for index in range(<int>(arena + at.drive.outbox)[1]):
         answer = unwritten(arena, &at.drive, index)
-        if answer != NULL:
+        if answer != NULL and answer[1] >= 0x10000:
+            measured(arena, at, <uint32_t>answer[1], value)
+            answer[1] = (<uint32_t>EXTENDED | 17 << 24 | own_id(arena, &at.drive) << 8 | (<uint32_t>answer[1] & 255))
+            answer[2] = 8
+            memcpy(&answer[3], value, 8)
+        elif answer != NULL:
             answer[1] = (<uint32_t>EXTENDED | (24 if answer[1] == 24.0 else 2) << 24 | mode << 22
                 | <uint32_t>memory[LATCHED] << 16
                          | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST])

@@ -29,7 +29,8 @@ cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.drive_law cimport oldest_age
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 from cext.kernels.devices.robstride.settings cimport (
-    PLACE, READ_BACK_SIZE, READY, VALUE, differs, is_as_written, little_endian, note_read, place_of, settings_size,
+    PLACE, POSITION_INDEX, READ_BACK_SIZE, READY, VALUE, VELOCITY_INDEX, compare_motion, differs, is_as_written,
+    little_endian, note_read, place_of, settings_size,
 )
 
 cdef enum: # in `talk`, after what cext/kernels/devices/robstride/settings.pxd keeps there
@@ -55,7 +56,7 @@ cdef double PLACE_UNIT = 8589934592.0
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
 
 cdef enum:
-    FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet
+    FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet; or the index of a parameter
 
 
 cdef inline void put_little(uint8_t *data, uint32_t value) noexcept nogil:
@@ -89,6 +90,7 @@ cdef struct Driver:
     int32_t talk                # the enum above
     int32_t settings            # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # time of the newest frame, s
+    int32_t gear_ratio
 
 DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[11] " + settings_size())
 
@@ -107,8 +109,13 @@ cdef inline void note_arrival(double *arena, const Driver *at, double *talk, con
 
 
 cdef int parameter_read(double *arena, const Driver *at, double *talk, const uint8_t *data) noexcept nogil:
-    """Decode a setting read back during arming; the request of faults follows the last of them."""
+    """Decode a parameter that was read during arming; the request of faults follows the last of the settings."""
     cdef const double *settings = arena + at.settings
+    if talk[READY] == 0.0 and compare_motion(
+            talk, data, arena[at.mit.invert], arena[at.gear_ratio], arena[at.mit.position] + arena[at.mit.offset],
+            arena[at.mit.velocity], (arena + at.mit.wire)[0]):
+        tell_fault(arena, at, talk)
+        return NOTED
     cdef int place = place_of(settings, index_of(data))
     if place < 0:
         return NOTED
@@ -254,7 +261,7 @@ cdef bint obey(double *arena, const Emulated *at, const uint8_t *data) noexcept 
     elif data[7] == 0xFD and data[6] == 0xFF:
         reset(arena, at)
     elif data[7] == 0xFE and data[6] == 0xFF:
-        state[drives.ZERO] += drives.seen_position(arena, &at.drive)
+        return not drives.set_zero(arena, &at.drive)
     elif data[7] == 0xFB and data[6] == 0xFF:
         (arena + at.latched)[0] = 0.0
     elif data[7] == 0xFB:
@@ -271,6 +278,9 @@ cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint
     if (arena + at.too_old)[0] != 0.0 or index >> 6 != 0x7000 >> 6:
         return
     memcpy(out, data, 8)
+    if index == POSITION_INDEX or index == VELOCITY_INDEX:
+        drives.owe(arena, &at.drive, index, 0, NULL)
+        return
     if kind == WRITE and (arena + at.ignored)[index & 63] == 0.0:
         registers[index & 63] = little_endian(data + 4)
     put_little(out + 4, to_u32(registers[index & 63]))
@@ -315,9 +325,18 @@ cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) 
     if latched[0] != 0.0 or (timeout > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME]
             - state[drives.LAST_COMMAND] > timeout):
         reset(arena, at)
-    arena[at.drive.torque] = drives.turned(arena, &at.drive, motor_torque(arena, at))
+    arena[at.drive.torque] = drives.produced(arena, &at.drive, motor_torque(arena, at))
     arena[at.drive.enabled] = state[drives.RUNNING]
     return OK
+
+
+cdef void measured(double *arena, const Emulated *at, uint32_t index, uint8_t *data) noexcept nogil:
+    """Write the reply to a read of mechPos or mechVel."""
+    cdef float single = <float>(arena[at.drive.gear_ratio] * (
+        drives.seen_position(arena, &at.drive) if index == POSITION_INDEX else drives.seen_velocity(arena, &at.drive)))
+    memset(data, 0, 8)
+    data[0], data[1] = <uint8_t>index, <uint8_t>(index >> 8)
+    memcpy(data + 4, &single, 4)
 
 
 cdef int answer_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
@@ -325,6 +344,7 @@ cdef int answer_encode(double *arena, const Emulated *at, const Emulated *sizes,
     cdef uint32_t code
     cdef uint8_t data[8]
     cdef uint8_t faults[8]
+    cdef uint8_t value[8]
     cdef double *answer
     cdef int index
     if not drives.answerable(arena, &at.drive):
@@ -339,7 +359,11 @@ cdef int answer_encode(double *arena, const Emulated *at, const Emulated *sizes,
     put_little(faults + 1, <uint32_t>(arena + at.latched)[0])
     for index in range(<int>(arena + at.drive.outbox)[1]):
         answer = drives.unwritten(arena, &at.drive, index)
-        if answer != NULL:
+        if answer != NULL and answer[1] >= POSITION_INDEX:
+            measured(arena, at, <uint32_t>answer[1], value)
+            memcpy(&answer[3], value, 8)
+            answer[1], answer[2] = READ | drives.own_id(arena, &at.drive), 8.0
+        elif answer != NULL:
             memcpy(&answer[3], &faults[0] if answer[1] == FAULTS_ASKED else &data[0], 8)
             answer[1], answer[2] = arena[at.host_id], 8.0
     return drives.deliver(arena, &at.drive, frames)

@@ -26,7 +26,7 @@ from cext.abi cimport (
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside, know_times
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 from cext.kernels.devices.robstride.settings cimport (
-    PLACE, READY, VALUE, differs, little_endian, note_read, place_of, settings_size,
+    PLACE, READY, VALUE, compare_motion, differs, little_endian, note_read, place_of, settings_size,
 )
 
 cdef enum:
@@ -57,6 +57,7 @@ cdef struct Feedback:
     int32_t state
     int32_t settings, read_back # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # time of the newest frame, s
+    int32_t gear_ratio
     int32_t unique              # whether the unique number was read; its upper and its lower half
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] unique[3] " + settings_size())
@@ -119,8 +120,13 @@ cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept 
 
 
 cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
-    """Decode type 17: a setting read back during arming."""
+    """Decode type 17: a parameter that was read during arming."""
     cdef double *read = arena + at.read_back
+    if read[READY] == 0.0 and (frame.id >> 16 & 255) == 0 and compare_motion(
+            read, &frame.data[0], arena[at.invert], arena[at.gear_ratio], arena[at.position] + arena[at.offset],
+            arena[at.velocity], (arena + at.wire)[0]):
+        tell_fault(arena, at, bits_of(arena[at.fault]))
+        return NOTED
     cdef int place = place_of(arena + at.settings, <uint32_t>frame.data[1] << 8 | frame.data[0])
     if place < 0 or read[READY] != 0.0:
         return NOTED

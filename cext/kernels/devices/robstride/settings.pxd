@@ -3,9 +3,13 @@
 `settings` contains their number, and of each its index, its type and its value. `read_back` contains what the drive has
 returned. Of a value of one or two bytes the other bytes are ignored; floats may differ by FLOAT_TOLERANCE, as a firmware
 may convert them. A lost write is repeated, so that only WRONG_READS different values in a row decide.
+
+Two parameters are compared with the replies: mechPos and mechVel, in rad and rad/s at the output of the drive. They
+differ if the replies have other ranges than the table. They are read before the settings, so that the drive is not
+ready before a difference has been confirmed.
 """
 
-from libc.math cimport fabs, isfinite
+from libc.math cimport fabs, floor, isfinite
 from libc.stdint cimport uint8_t, uint32_t
 from libc.string cimport memcpy
 
@@ -23,6 +27,8 @@ cdef enum:
     FLOAT = 0, BYTE = 1, WORD16 = 2, WORD32 = 4
     UNREADABLE = 0xFFFFFFFF
     FLOAT_TOLERANCE = 1000      # 10⁻⁶ of the value
+    POSITION_INDEX = 0x7019, VELOCITY_INDEX = 0x701B
+    POSITION_PLACE = SETTINGS_LIMIT + 1, VELOCITY_PLACE         # in PLACE; VALUE is then the ratio of reply to parameter
 
 
 cdef inline str settings_size(): return "settings[25]"
@@ -72,3 +78,54 @@ cdef inline void note_read(const double *settings, double *read, int place, uint
     read[PLACE], read[VALUE] = place + 1, bits if exists else UNREADABLE
     if differs(read):
         read[READY], read[CONFIRMED] = 1.0, 0.0
+
+
+cdef inline void note_comparison(double *read, int place, double reply, double parameter, bint agrees) noexcept nogil:
+    """Note a comparison before the drive is ready. place : in PLACE"""
+    cdef float ratio = <float>(reply / parameter if parameter != 0.0 else 0.0)
+    cdef uint32_t bits
+    if agrees:
+        if read[PLACE] == place:
+            read[WRONG] = 0.0
+        return
+    if read[PLACE] != place and read[WRONG] > 0.0:
+        return                                  # one at a time
+    memcpy(&bits, &ratio, 4)
+    read[WRONG] += 1.0
+    read[PLACE], read[VALUE] = place, bits
+    if differs(read):
+        read[READY], read[CONFIRMED] = 1.0, 0.0
+
+
+cdef inline bint compare_motion(
+        double *read, const uint8_t *data, double invert, double gear, double position, double velocity,
+        double end) noexcept nogil:
+    """Compare mechPos or mechVel with the newest reply. Returns whether the parameter is one of them.
+
+    invert, gear : of the joint; position, velocity : of the reply, at the joint, without the offset
+    end : half the range of the position, at the joint
+
+    The reply is older than the parameter by a few milliseconds. A difference of whole turns is none, as no source
+    states on which of them the parameter begins.
+    """
+    cdef uint32_t index = <uint32_t>data[1] << 8 | data[0]
+    cdef uint32_t bits = little_endian(data + 4)
+    cdef double scale = -gear if invert != 0.0 else gear
+    cdef double turn = 6.283185307179586
+    cdef double reply, apart, larger
+    cdef float parameter
+    if index != POSITION_INDEX and index != VELOCITY_INDEX:
+        return False
+    memcpy(&parameter, &bits, 4)
+    if not isfinite(parameter):
+        return True
+    reply = scale * (position if index == POSITION_INDEX else velocity)
+    apart = reply - parameter
+    larger = fabs(reply) if fabs(reply) > fabs(parameter) else fabs(parameter)
+    if index == VELOCITY_INDEX:
+        note_comparison(read, VELOCITY_PLACE, reply, parameter, fabs(apart) <= 0.3 + 0.1 * larger)
+    elif fabs(position) < 0.99 * end:
+        apart -= turn * floor(apart / turn + 0.5)
+        note_comparison(read, POSITION_PLACE, reply, parameter,
+            fabs(apart) <= 0.01 + 0.01 * larger + 0.03 * fabs(scale * velocity))
+    return True

@@ -143,6 +143,7 @@ def read_back_of(block: Device) -> str:
         return ""
     count = block.settings_read()
     words = [f"{count} settings read back"] * bool(count)
+    words += [block.compared_in_words()] * bool(block.compared_in_words())
     words += [f"not read back: {', '.join(block.unread_settings)}"] * bool(block.unread_settings)
     return "; ".join(words) or "settings not read back"
 

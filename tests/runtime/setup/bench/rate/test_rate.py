@@ -51,10 +51,14 @@ def test_a_slower_bus_carries_less():
 
 
 def test_frames_of_29_bits_take_longer():
-    """Of eight RobStride drives the fact sheet has 431 Hz; ours are at rest as theirs."""
+    """Of eight RobStride drives the fact sheet has 431 Hz; ours are at rest as theirs.
+
+    The bus does not work off in half a second what arming compares beside the settings, if it has 3 % to spare.
+    """
 
     def robstride(can_id):
-        return RobStride("RS02", bus="can", can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
+        name = f"actuator{can_id}"
+        return RobStride("RS02", bus="can", can_id=can_id, name=name, timeout=0.5, verify_ranges=False)
 
     step = Simulated(robstride, range(1, 9), seconds=0.5)
     assert step.limit() == pytest.approx(431, rel=0.02)
