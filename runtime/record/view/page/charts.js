@@ -5,6 +5,7 @@ import { capital, element, number, withUnit } from "./text.js";
 
 export const HEIGHT = 200;   // px
 const SPARSE = 8;            // px between samples, from which each is drawn as a dot
+const LINE_LIMIT = 60;
 const KINDS = ["mark", "change", "warning", "fault"];   // of events that are lines in the plots
 const STEPS = [1e-3, 2e-3, 5e-3, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 18000];
 
@@ -166,8 +167,15 @@ export class TimeChart {
     this.frame.set(begin, end, ...this.range);
   }
 
+  // Events that are lines in the window: marks and faults alone where a slider has made many changes.
+  lines() {
+    const { begin, end, lines } = this.world;
+    const inside = lines.filter((line) => line.time >= begin && line.time <= end && KINDS.includes(line.kind));
+    return inside.length > LINE_LIMIT ? inside.filter(({ kind }) => kind === "mark" || kind === "fault") : inside;
+  }
+
   paint(ctx, x, y, box, ratio) {
-    const { begin, end, gaps, lines } = this.world, colour = theme(), palette = colours();
+    const { begin, end, gaps } = this.world, colour = theme(), palette = colours();
     for (const [from, to] of gaps) if (to >= begin && from <= end) {
       ctx.fillStyle = colour.bad;
       ctx.globalAlpha = 0.18;
@@ -182,7 +190,7 @@ export class TimeChart {
       const at = y(limit * this.signal.factor);
       ctx.beginPath(); ctx.moveTo(box.left, at); ctx.lineTo(box.left + box.width, at); ctx.stroke();
     }
-    for (const { time, kind } of lines) if (time >= begin && time <= end && KINDS.includes(kind)) {
+    for (const { time, kind } of this.lines()) {
       ctx.strokeStyle = colour[kind];
       ctx.setLineDash(kind === "fault" ? [] : kind === "mark" ? [5 * ratio, 3 * ratio] : [ratio, 3 * ratio]);
       ctx.lineWidth = (kind === "fault" ? 2 : 1) * ratio;
@@ -247,7 +255,7 @@ export class TimeChart {
       begin, end, range: this.range, yLabel: `${capital(this.title)}${this.signal.shown ? ` (${this.signal.shown})` : ""}`,
       xLabel: timeLabel(isLong(begin, end)), xValues: (ticks) => timeLabels(ticks, isLong(begin, end)), steps: STEPS,
       yValues: this.signal.dtype === "bool" ? { splits: [0, 1], text: (tick) => ["no", "yes"][tick] } : null,
-      lines: this.world.lines.filter((line) => KINDS.includes(line.kind) && line.time >= begin && line.time <= end),
+      lines: this.lines(),
       gaps: this.world.gaps.filter(([from, to]) => to >= begin && from <= end),
       limits: (this.signal.limits || []).map((limit) => limit * this.signal.factor),
       curves: this.shown.map((piece, place) => ({
