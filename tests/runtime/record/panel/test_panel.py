@@ -17,7 +17,7 @@ import runtime
 from runtime.host.live.running import shared_state_of
 from runtime.host.options import panel_address
 from runtime.record.panel.names import describe
-from runtime.record.panel.server import MESSAGE_LIMIT, REFUSED_LIMIT
+from runtime.record.panel.server import MESSAGE_LIMIT, MESSAGE_RATE, REFUSED_LIMIT
 from tests.runtime.record.panel.panels import Page, running
 from tests.runtime.runs import assert_safely_stopped, descendant
 
@@ -425,8 +425,10 @@ def test_ten_thousand_changes_of_three_pages_are_applied_in_their_order_and_insi
     with running(tmp_path) as run:
         pages = [run.page() for _ in range(3)]
         both = [pages[0].index(f"{side}/law.gain") for side in ("left", "right")]
+        began = time.monotonic()
         for number in range(rounds):
             page = pages[number % 3]
+            time.sleep(max(0.0, began + number * (each + 1) / (3 * MESSAGE_RATE) - time.monotonic()))
             page.send(do="operate", take=True)
             page.until(
                 lambda: {"name": page.hello["page"], "role": "operate", "operates": True} in page.status["pages"]
