@@ -65,10 +65,8 @@ def test_neither_a_status_line_nor_a_line_that_stays_holds_one():
     shown = Terminal(slave, {"TERM": "xterm", "LANG": "C.UTF-8"})
     shown.draw(f"\x1b[32mrunning\x1b[0m {NASTY[:-1]}")
     shown.say(NASTY[:-1])
-    expected, seen = (
-        f"\r\x1b[?7l\x1b[32mrunning\x1b[0m {SHOWN[:-1]}\x1b[?7h\x1b[J\r\r\x1b[J{SHOWN[:-1]}\n".encode(),
-        b"",
-    )
+    drawn = f"\r\x1b[?7l\x1b[32mrunning\x1b[0m {SHOWN[:-1]}\x1b[?7h\x1b[J\r"
+    expected, seen = f"{drawn}\r\x1b[J{SHOWN[:-1]}\n".encode(), b""
     # a terminal may pass on what it has got in pieces
     while len(seen) < len(expected) and select.select([master], [], [], 2.0)[0]:
         seen += os.read(master, 4096)
