@@ -5,10 +5,10 @@ Principle
        position stayed within ZERO_BAND. A request at any other time is refused.
     2. From the frame to the end of the zeroing, the drive gets zero torque, whatever its block commands. The commands
        then fade in, since the angle of the joint has jumped.
-    3. A reply with a position within ZERO_BAND of zero, ZERO_RETRY / 2 after the frame, confirms it: some drives are
-       silent for a second after the frame, and may reply once before. It does not if the joint has left the earlier
-       position without a jump: then the frame is lost, and the joint passes through zero. While the drive replies with
-       its earlier position, the frame is lost, and is repeated every ZERO_RETRY.
+    3. A reply with a position within ZERO_BAND of zero confirms it, unless the joint has left the earlier position
+       without a jump: then the frame is lost, and the joint passes through zero. While the drive replies with its
+       earlier position, the frame is lost, and is repeated every ZERO_RETRY. Some drives are silent for a second after
+       the frame.
     4. After ZERO_LIMIT, a drive that replies with its earlier position keeps its zero. With any other position, the
        angle of the joint is unknown, which is a fault.
 """
@@ -101,7 +101,7 @@ cdef inline int judge_zero(const Zeroing *z, const double *arena, int64_t now) n
     """Return one of the results above, for a zeroing that runs."""
     cdef double position = arena[z.position]
     cdef bint unchanged = fabs(position - z.before) <= 1e-3 * ZERO_BAND
-    if z.reply_time - z.sent >= ZERO_RETRY // 2 and not z.moved and fabs(position + z.offset) <= 1e-3 * ZERO_BAND:
+    if z.reply_time != z.asked_at and not z.moved and fabs(position + z.offset) <= 1e-3 * ZERO_BAND:
         return ZERO_SET
     if now - z.began >= ZERO_LIMIT:
         return ZERO_KEPT if unchanged else ZERO_UNKNOWN

@@ -65,12 +65,9 @@ def held(tick):
     return REST
 
 
-def zeroing(
-    drive=cubemars, *, presses=(), torque=lambda tick: 0.0, angle=held, lost=(), silent=(), firmware=(), **parameters
-):
+def zeroing(drive=cubemars, *, presses=(), torque=lambda tick: 0.0, angle=held, lost=(), silent=(), **parameters):
     """A Rig with one drive.
 
-    firmware : parameters of the emulated drive
     presses : ticks in which its input `zero` is true; None leaves it unconnected
     lost, silent : ticks of the plant in which all frames are lost, or the replies only
     """
@@ -83,7 +80,7 @@ def zeroing(
             command["zero"] = Pressed(set(presses), name="button")()
         knee(**command)
     with Diagram("plant", rate=RATE) as plant:
-        motor = knee.emulator(name="motor", **dict(firmware))
+        motor = knee.emulator(name="motor")
         joint = Joint(angle, name="joint")()
         motor(
             position=joint.position,
@@ -145,9 +142,8 @@ def test_angle_jumps_without_a_fault_and_commands_fade_in():
     assert position[150] == pytest.approx(REST, abs=1e-3)
     assert np.abs(position[152:]).max() < 1e-3
     assert torque[151] == pytest.approx(0.0, abs=0.01)  # no torque from the frame to the confirmation
-    assert np.abs(torque[151:160]).max() < 0.01  # the confirmation is a reply 50 ms after the frame
-    assert torque[211] == pytest.approx(1.0, abs=0.05) and torque[270] == pytest.approx(2.0, abs=0.01)
-    assert np.diff(torque[151:262]).max() < 0.05  # over half a second, in steps of a hundredth
+    assert torque[201] == pytest.approx(1.0, abs=0.05) and torque[260] == pytest.approx(2.0, abs=0.01)
+    assert np.diff(torque[151:252]).max() < 0.05  # over half a second, in steps of a hundredth
 
 
 def test_request_that_is_true_from_the_start_is_none():
@@ -175,23 +171,6 @@ def test_drive_may_be_silent_for_a_second_after_its_zero():
     rig = zeroing(presses={150}, silent=range(FRAME, FRAME + 200))
     assert rig.run(600).status == "ok"
     assert rig.control.reports.zeros == {"knee": (1, 0)}
-
-
-def test_firmware_that_is_deaf_for_a_second_after_its_zero_sets_it():
-    deaf = {"zero_silence": 1.0}  # it replies to the command before the frame, with the new zero
-    pressed = zeroing(presses={150}, firmware=deaf)
-    for rig in (pressed, zeroing(zero_at_arming=True, presses=None, firmware=deaf)):
-        assert rig.run(600).status == "ok" and rig.control.reports.zeros == {"knee": (1, 0)}
-        assert abs(rig["knee.position"][-1]) < 1e-3
-
-
-def test_original_firmware_sets_its_zero_at_arming_and_ignores_it_while_enabled():
-    original = {"zero_when_enabled": False}
-    armed = zeroing(zero_at_arming=True, presses=None, firmware=original)
-    assert armed.run(200).status == "ok" and armed.control.reports.zeros == {"knee": (1, 0)}
-    pressed = zeroing(presses={150}, firmware=original)
-    assert pressed.run(700).status == "ok" and pressed.control.reports.zeros == {"knee": (0, 1)}
-    assert pressed["knee.position"][-1] == pytest.approx(REST, abs=1e-3)
 
 
 def test_drive_that_stays_silent_after_its_zero_ends_the_run():
