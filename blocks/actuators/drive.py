@@ -97,7 +97,8 @@ class Drive(Watched, Pose, Gear):
 
     def assumptions(self) -> list[tuple[str, str]]:
         """Return (number, reason) of each assumed number on which the torque limit rests, unless a parameter has it."""
-        columns = [name for name in self.limit_columns if not getattr(self, name, None)]
+        own = self.parameters
+        columns = [name for name in self.limit_columns if not (name in own and getattr(self, name))]
         return list(self.spec.assumed(*columns).items()) if isinstance(self.spec, Sourced) else []
 
     def winding(self) -> Winding:

@@ -290,7 +290,7 @@ def test_check_block_refuses_a_class_whose_items_were_changed_afterwards():
 def test_a_kernel_of_cython_names_the_fields_of_its_struct_and_those_of_the_structs_in_it():
     assert str(mathematics.sum) == "<Kernel y[...] weights[...] *inputs>"
     assert CubeMars.decode.names[:3] == ["position_command", "velocity_command", "torque_command"]
-    assert CubeMars.decode.names[-1] == "reply"
+    assert "reply" in CubeMars.decode.names
 
 
 def test_a_kernel_can_be_renamed_for_a_block_with_other_names():

@@ -129,7 +129,9 @@ class RobStride(Joint, Actuator):
         self.unanswered_frames = int(self.active_reporting)
         self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
         self.ready = "read_back"
-        self.compared = (frames.MECH_POS, frames.MECH_VEL)[: 2 if self.mode == "operation" else 1] * self.verify_ranges
+        # one read more beside its reports, and arming is complete before a second drive with this id shows
+        reads = 2 if self.mode == "operation" and not self.active_reporting else 1
+        self.compared = (frames.MECH_POS, frames.MECH_VEL)[: reads * self.verify_ranges]
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = (
             self.spec.rated_current

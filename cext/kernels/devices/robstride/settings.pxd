@@ -117,7 +117,7 @@ cdef inline bint compare_motion(
     if index != POSITION_INDEX and index != VELOCITY_INDEX:
         return False
     memcpy(&parameter, &bits, 4)
-    if not isfinite(parameter):
+    if not isfinite(parameter) or parameter == 0.0:     # 0 is also the answer of firmware without the parameter
         return True
     reply = scale * (position if index == POSITION_INDEX else velocity)
     apart = reply - parameter
