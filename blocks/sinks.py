@@ -51,7 +51,8 @@ class Panel(Sink):
     """Page in a browser for the operator: state, stop, live parameters, plots, and a picture for the subject.
 
     The page is for browsers on this computer, or on others if `host` is an address of this computer in their network.
-    A run in virtual time has no page.
+    A run in virtual time has no page. With lost="stop" no drive of a rig is enabled before a page has the controls, and
+    the run ends in its safe stop if that page is lost.
 
     Panel(marks=("start", "uphill")) adds a button for each of these marks. Panel(subject="left/knee.position",
     stride="maximum", target=(0.9, 1.1)) shows the largest knee angle of each stride at the address /subject.
@@ -59,6 +60,13 @@ class Panel(Sink):
 
     host = Param("127.0.0.1", "1", "address on which the page is served; 0.0.0.0 for all of this computer")
     port = Param(0, "1", "TCP port of the page; 0 for the first free one from 8470 on", min=0, max=65535, fixed=True)
+    lost = Param(
+        "continue",
+        "1",
+        "what follows when the page that has the controls is lost: the run continues, or it stops",
+        choices=("continue", "stop"),
+        fixed=True,
+    )
     marks = Param((), "1", "notes of marks, each with a button on the page")
     marks_file = Param("", "1", "path of a text file with further notes, one in a line", dtype=str, file=True)
     subject = Param("", "1", "recorded signal that the subject is shown; by default the one chosen on the page")

@@ -27,3 +27,4 @@ cdef enum:
     SUSPENDED = 24          # the computer was suspended in the middle of the run
     POSITION_JUMP = 25      # a reported angle has changed by more than motion can explain
     TWO_DEVICES = 41        # two devices answer to one id
+    PAGE_LOST = 42          # the page of the panel that has the controls is lost, which the diagram makes a stop

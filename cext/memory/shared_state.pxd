@@ -35,6 +35,14 @@ cdef enum: # of the fence
     FENCED_HERE = 1             # by the loop, which may lower it to arm again
     FENCED_FOR_GOOD = 2         # by another process: permanent
 
+cdef enum: # why a page of the panel has lost the controls
+    PAGE_SILENT = 1             # it has not confirmed new values for too long
+    PAGE_CLOSED = 2             # it has closed its connection, as when it is left or reloaded
+    PAGE_CUT = 3                # its connection has ended without being closed
+    PAGE_TAKEN = 4              # another page has taken the controls
+    PAGE_RETURNED = 5           # it has given them back
+    PAGE_ENDED = 6              # the panel ends
+
 cdef enum: # of a record in the ring
     PADDING = 0                 # up to the end of the ring
     ROW = 1                     # doubles: tick, lateness in s, then the recorded signals
@@ -102,6 +110,13 @@ cdef struct SharedLayout:
     Operator operator
     KeyRing keys
     int32_t sending             # not 0: the loop has checked the fence, and may be sending commands
+    # the page of the panel that has the controls: written by the panel, except for `lost_page`
+    int32_t page                # its number
+    int64_t page_link           # ns of CLOCK_MONOTONIC since when it has them and confirms values; 0: no such page
+    int64_t page_beat           # ns of CLOCK_MONOTONIC of the newest values that it has confirmed
+    int64_t page_process        # ID of the process of the panel
+    int64_t page_loss           # the newest loss: why | number of the page << 8 | number of the page that took them << 32
+    int64_t lost_page           # the loss that the loop has found, in the same form
 
 cdef struct Own:                # of one process, in front of its mapping of the layout
     uint64_t capacity           # of the ring
@@ -139,6 +154,14 @@ cdef inline bint read_header(SharedLayout *layout, uint64_t place, uint64_t head
 
 cdef inline Shown *shown(SharedLayout *layout) noexcept nogil:
     return <Shown *>(ring(layout) + own(layout).capacity)
+
+cdef inline bint page_is_linked(SharedLayout *layout, int64_t now, int64_t limit) noexcept nogil:
+    """Return whether a page has the controls, and has confirmed values that are at most `limit` ns old.
+
+    now : ns of CLOCK_MONOTONIC
+    """
+    cdef bint linked = load_i64(&layout.page_link) != 0
+    return linked and -limit <= now - load_i64(&layout.page_beat) <= limit
 
 cdef inline void set_out(SharedLayout *layout, int device, bint out) noexcept nogil:
     """Show whether a drive is taken out. device : number in the schedule, below DEVICE_LIMIT"""

@@ -9,7 +9,7 @@ from posix.unistd cimport _SC_PAGESIZE, close, sysconf
 
 from cext.atomics cimport load_i32_in_order, store_i32_in_order
 from cext.clock.histogram cimport buckets, summary
-from cext.clock.deadline_clock cimport suspended_time
+from cext.clock.deadline_clock cimport monotonic, suspended_time
 from cext.fused.locate cimport IN_RUN
 from cext.ring.mailbox cimport BY_KEYS, BY_PANEL, BY_SET
 from cext.ring.operator cimport origin_of_stop, process_of_stop
@@ -20,6 +20,7 @@ from cext.ring.sealed_memory import sealed_memory
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
 ORIGINS = {"set": BY_SET, "keys": BY_KEYS, "panel": BY_PANEL}
+PAGE_LOSSES = ("", "silent", "closed", "cut", "taken", "returned", "ended")  # of `unlink_page` and `lost_page`
 STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
@@ -212,6 +213,43 @@ cdef class SharedState:
         """
         store_i64(&self.layout.program, now)
         store_i64(&self.layout.program_limit, limit)
+
+    def link_page(self, int32_t page, int64_t beat) -> None:
+        """Show that a page of the panel has the controls and has confirmed values.
+
+        page : its number; beat : ns of CLOCK_MONOTONIC of these values
+        """
+        self.layout.page, self.layout.page_process = page, os.getpid()
+        store_i64(&self.layout.page_beat, beat)
+        store_i64(&self.layout.page_link, monotonic())
+
+    def beat_page(self, int64_t beat) -> None:
+        """Record that the page with the controls has confirmed newer values. beat : as in `link_page`"""
+        store_i64(&self.layout.page_beat, beat)
+
+    def unlink_page(self, str why, int32_t page, int32_t taker=0) -> None:
+        """Show that the page with the controls has lost them.
+
+        why : one of PAGE_LOSSES; page : its number; taker : number of the page that has taken them, 0 for none
+        """
+        store_i64(&self.layout.page_loss, PAGE_LOSSES.index(why) | page << 8 | <int64_t>taker << 32)
+        store_i64(&self.layout.page_link, 0)
+
+    def page_linked(self, int64_t limit) -> bool:
+        """Return whether a page has the controls, and has confirmed values that are at most `limit` ns old."""
+        return page_is_linked(self.layout, monotonic(), limit)
+
+    @property
+    def lost_page(self) -> tuple[int, str, int]:
+        """The page whose loss the loop has found: (its number, one of PAGE_LOSSES, number of the page that took over)."""
+        cdef int64_t lost = load_i64(&self.layout.lost_page)
+        why = lost & 0xFF
+        return lost >> 8 & 0xFFFFFF, PAGE_LOSSES[why] if why < len(PAGE_LOSSES) else "", lost >> 32
+
+    @property
+    def page_process(self) -> int:
+        """ID of the process of the panel that has shown the newest page with the controls."""
+        return load_i64(&self.layout.page_process)
 
     def look_after(self, int64_t now) -> None:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""

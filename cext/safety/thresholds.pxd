@@ -47,6 +47,8 @@ cpdef enum:
     # periods: reports of a drive that reports by itself which arming compares, at least, before it is complete
     TWIN_PERIODS = 4
 
+    # ns: age of the newest values that the page with the controls has confirmed, above which the page counts as lost
+    PAGE_SILENCE = 170000000
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 

@@ -161,10 +161,11 @@ cdef class Arming:
     cdef int look_over(self) noexcept nogil:
         """Show the replies, and ask for new ones until the operator confirms.
 
-        Every device must keep replying without a fault. Returns OK, CUT or a fault.
+        Every device must keep replying without a fault. Where no confirmation is asked for, wait for the page whose loss
+        ends the run. Returns OK, CUT or a fault.
         """
         cdef int status
-        cdef bint confirmed = not self.confirm
+        cdef bint confirmed = not self.confirm and self.publisher.may_arm(monotonic())
         cdef int32_t consent = NO_CONSENT
         self.publisher.ask()                                         # the table has the number of the question
         status = self.call_answered()
@@ -179,16 +180,19 @@ cdef class Arming:
                 status = self.next_round()
             if status == OK:
                 consent = self.publisher.consent()
-            if status == OK and (consent != NO_CONSENT or self.is_held()):
+            if status == OK and (
+                    consent != NO_CONSENT or self.is_held() if self.confirm else self.publisher.may_arm(monotonic())):
                 status = self.permission()
                 confirmed = status == OK
                 self.forget_input()
                 if confirmed and consent != NO_CONSENT:
                     record_request(self.layout, CONFIRM, consent, load_u64(&self.layout.operator.process), -1)
-                if status == UNCLEAR_POSE:
+                if status == UNCLEAR_POSE and self.confirm:
                     status = OK                                    # the operator may move the joint and confirm again
         if status == OK:
             self.publisher.set_state(ARMING)
+            if self.publisher.pages:
+                self.publisher.watch_page()
         return status
 
     cdef void forget_input(self) noexcept nogil:

@@ -79,6 +79,8 @@ cdef class Executor(Waiting):
         switch interval are not changed, nor are the signal handlers outside the main thread
     waits : whether simulated time stops while the host stalls for so long that emulated devices would time out; for a
         plant only
+    pages : whether the loss of the page of the panel that has the controls ends the run, in real time. With a guardian
+        no drive is enabled before there is one
     """
 
     cdef bint hosted
@@ -92,13 +94,13 @@ cdef class Executor(Waiting):
         bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock replay=None,
                  double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None,
-                 bint waits=False):
+                 bint waits=False, bint pages=False):
         self.hosted = hosted
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.clock = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
         self.publisher = Publisher(shared, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain,
-            plant)
+            plant, pages and not virtual)
         self.body = TickBody(control, plant, substeps, self.clock, self.publisher, not virtual, profile)
         self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, guard > 0.0 and not virtual,
             others)

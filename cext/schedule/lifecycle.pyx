@@ -9,7 +9,7 @@ import sys
 from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport AUTHORITY, ESTOP, FIRST_OWN_STATUS, OK
-from cext.status cimport FENCED, HUNG, NO_ANSWER, OVERRUN, PYTHON_ERROR, SILENT, SUSPENDED, UNGUARDED
+from cext.status cimport FENCED, HUNG, NO_ANSWER, OVERRUN, PAGE_LOST, PYTHON_ERROR, SILENT, SUSPENDED, UNGUARDED
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
 from cext.ring.mailbox cimport REARM
@@ -188,6 +188,9 @@ cdef class Waiting(Arming):
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
+        if standing == OK and self.publisher.link != 0 and not self.publisher.may_arm(monotonic()):
+            self.publisher.note_lost_page()
+            standing = PAGE_LOST
         status[0] = self.control.devices.stop.send_disable(self.now)
         if status[0] == OK:
             status[0] = self.body.advance_plant(self.now)
@@ -217,6 +220,8 @@ cdef class Waiting(Arming):
             return FENCED
         self.halted = False
         self.publisher.set_state(ARMING)
+        if self.publisher.link != 0:
+            self.publisher.watch_page()
         self.overrun.reset()
         for round in range(rounds + 1):
             tick = tick if round == 0 else self.next_point(tick, self.first_tick)

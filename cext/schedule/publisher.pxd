@@ -13,6 +13,8 @@ cdef class Publisher:
     cdef uint64_t question           # number of the newest question to the operator
     cdef int64_t asked               # ns of CLOCK_MONOTONIC, when it was asked
     cdef int64_t guard               # ns of the guardian's silence that end the run, 0: no guardian
+    cdef bint pages                  # whether the loss of the page with the controls ends the run
+    cdef int64_t link                # `page_link` of the page that is watched, 0: none, -1: it was lost at once
     cdef uint64_t most               # ring bytes of one tick, at most
     cdef object table                # the array behind `recent`
     cdef int width                   # numbers of a row in it
@@ -32,6 +34,10 @@ cdef class Publisher:
     cdef bint fenced(self) noexcept nogil
     cdef void beat(self, int64_t now) noexcept nogil
     cdef bint program_is_silent(self, int64_t now) noexcept nogil
+    cdef bint may_arm(self, int64_t now) noexcept nogil
+    cdef void watch_page(self) noexcept nogil
+    cdef bint page_is_lost(self, int64_t now) noexcept nogil
+    cdef void note_lost_page(self) noexcept nogil
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
     cdef bint guardian_is_late(self) noexcept nogil
     cdef int attend(self, int64_t now) noexcept nogil

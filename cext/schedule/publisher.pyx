@@ -9,19 +9,20 @@ from libc.string cimport memcpy, memset
 import numpy as np
 
 from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, Frame
-from cext.status cimport FENCED, PROGRAM_SILENT, UNGUARDED
+from cext.status cimport FENCED, PAGE_LOST, PROGRAM_SILENT, UNGUARDED
 from cext.clock.histogram cimport Histogram
 from cext.memory.robust_mutex cimport find_dead
 from cext.ring.mailbox cimport CHANGES, LETTERS, Change
 from cext.ring.operator cimport NO_CONSENT, take_consent
 from cext.clock.deadline_clock cimport monotonic
 from cext.memory.shared_state cimport (
-    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, own, reserve, store_i32, store_i64, store_u64, swap_i32,
+    FENCED_FOR_GOOD, FENCED_HERE, PAGE_SILENT, ROW, commit, load_i32, load_i64, load_u64, own, page_is_linked, reserve,
+    store_i32, store_i64, store_u64, swap_i32,
 )
 from cext.safety.suspend cimport fence_after_suspend, suspended_since
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.clock.signals cimport Signals
-from cext.safety.thresholds cimport CONSENT_LIMIT
+from cext.safety.thresholds cimport CONSENT_LIMIT, PAGE_SILENCE
 
 cdef enum:
     RECENT = 6                      # rows that are kept for the report of a fault
@@ -45,16 +46,17 @@ cdef class Publisher:
     rows : C-contiguous float64 array (ticks, 2 + columns) for the row of every tick: tick, lateness in s, recorded
         signals; or None. A run with more ticks overwrites the first rows
     plant : Program whose columns, at the end of the tick, follow in the rows of that array; or None
+    pages : whether the loss of the page of the panel that has the controls ends the run
     """
 
     def __init__(self, SharedState shared, Program program, bint virtual, int reader, Signals signals,
-                 int64_t guard=0, rows=None, drain=None, Program plant=None):
+                 int64_t guard=0, rows=None, drain=None, Program plant=None, bint pages=False):
         if shared is not None and 16 * (3 + program.column_count) > <int64_t>own(shared.layout).capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (
                 own(shared.layout).capacity, 2 + program.column_count))
         self.shared, self.program, self.virtual, self.reader, self.caught = shared, program, virtual, reader, signals.caught
         self.layout = NULL if shared is None else shared.layout
-        self.guard = guard
+        self.guard, self.pages = guard, pages and shared is not None
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.buses.count + 3 * FRAMES_PER_BATCH
@@ -88,7 +90,7 @@ cdef class Publisher:
     cdef void clear(self):
         """Clear the statistics of an earlier run; the ring keeps what has not been read."""
         cdef SharedLayout *layout = self.layout
-        self.recent_count = self.drained = 0
+        self.recent_count = self.drained = self.link = 0
         self.error = None
         if layout == NULL:
             return
@@ -140,8 +142,8 @@ cdef class Publisher:
             store_i64(&self.layout.beat, now)
 
     cdef int attend(self, int64_t now) noexcept nogil:
-        """Record that the loop is alive, and return whether it may continue: OK, FENCED, UNGUARDED or
-        PROGRAM_SILENT.
+        """Record that the loop is alive, and return whether it may continue: OK, FENCED, UNGUARDED, PROGRAM_SILENT or
+        PAGE_LOST.
 
         now : ns of CLOCK_MONOTONIC
         """
@@ -154,12 +156,41 @@ cdef class Publisher:
             return FENCED
         if self.guard > 0 and self.guardian_is_gone(now):
             return UNGUARDED
-        return PROGRAM_SILENT if self.program_is_silent(now) else OK
+        if self.program_is_silent(now):
+            return PROGRAM_SILENT
+        return PAGE_LOST if self.pages and self.page_is_lost(now) else OK
 
     cdef bint program_is_silent(self, int64_t now) noexcept nogil:
         """Return whether the loop of a connected program has not passed for too long."""
         cdef int64_t limit = load_i64(&self.layout.program_limit)
         return limit > 0 and now - load_i64(&self.layout.program) > limit
+
+    cdef bint may_arm(self, int64_t now) noexcept nogil:
+        """Return whether a page has the controls, if its loss ends the run."""
+        return not self.pages or page_is_linked(self.layout, now, PAGE_SILENCE)
+
+    cdef void watch_page(self) noexcept nogil:
+        """Watch the page that has the controls from now on, as long as it has them."""
+        self.link = load_i64(&self.layout.page_link) or -1
+
+    cdef bint page_is_lost(self, int64_t now) noexcept nogil:
+        """Return whether the page that is watched is lost. Without a guardian, watch the first one that is linked."""
+        cdef bint linked = page_is_linked(self.layout, now, PAGE_SILENCE)
+        if self.link == 0:
+            if self.guard == 0 and linked:
+                self.watch_page()
+            return False
+        if linked and load_i64(&self.layout.page_link) == self.link:
+            return False
+        self.note_lost_page()
+        return True
+
+    cdef void note_lost_page(self) noexcept nogil:
+        """Show which page was lost, and why. Behind the fence any page may be the next to be watched."""
+        cdef int64_t link = load_i64(&self.layout.page_link)
+        cdef bint silent = link != 0 and (link == self.link or self.fenced())
+        store_i64(&self.layout.lost_page, PAGE_SILENT | <int64_t>load_i32(&self.layout.page) << 8 if silent
+            else load_i64(&self.layout.page_loss))
 
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
         """Return whether the guardian is silent for too long, or its thread has died, which the kernel marks in its

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cext.memory.shared_state import RECORD_EVENT, SharedState
-from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, STOP_LIMIT, STOP_UNATTENDED
+from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, PAGE_SILENCE, STOP_LIMIT, STOP_UNATTENDED
 from runtime.host.ending import ENDING_SIGNALS, raise_if_interrupted
 from runtime.host.system import processor_wait
 from runtime.record.recorder import can_ask
@@ -93,18 +93,21 @@ class Armed:
         )
 
         def show() -> None:
-            event = table.event(control.values, control.reports.found_enabled)
+            event = table.event(control.values, control.reports.found_enabled, shared.page_linked(PAGE_SILENCE))
             event |= {"question": shared.question} if table.confirm else {}
             shared.push(RECORD_EVENT, json.dumps(event).encode())
 
         def ask_permission() -> bool:
-            """Return whether the reading of every joint is confirmed.
+            """Return whether the reading of every joint is confirmed, and a page that the diagram demands is linked.
 
-            If one is not, the table is printed again.
+            If not, the table is printed again.
             """
             enabling = control.reports.enabling
             unheard = () if enabling else table.unheard
-            if poses is None or not poses.look(control.values, first=shared.state != "waiting", unheard=unheard):
+            pageless = table.page and table.confirm and shared.state == "ready" and not shared.page_linked(PAGE_SILENCE)
+            if not pageless and (
+                poses is None or not poses.look(control.values, first=shared.state != "waiting", unheard=unheard)
+            ):
                 if shared.state != "waiting" and not enabling:  # the replay enables the drives in the same round
                     shared.push(
                         RECORD_EVENT, json.dumps({"event": "confirmed", "drains": self.executor.arming_rounds}).encode()

@@ -12,6 +12,7 @@ from graph import Device, Diagram, Schedule
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
+from runtime.record.report.failure_coverage import stopping_panel
 from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.simulation import Simulation
@@ -121,6 +122,7 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
 def compile_adapted(request: Request, diagram: Diagram) -> tuple[Schedule, int]:
     """Apply the options of a Request to its diagram and compile it. Returns its Schedule and the number of ticks."""
     adapt(diagram, request)
+    stopping_panel(diagram)
     ticks = ticks_of(request, diagram)
     schedule = compile_diagram(request.file, diagram)
     check_rearming(diagram, request.rearm, can_ask())
@@ -187,6 +189,12 @@ def adapt(diagram: Diagram, request: Request) -> None:
         with diagram:
             for panel in panels or [Panel()]:
                 panel.host, panel.port = request.panel
+    if request.panel_lost is not None:
+        panels = [block for block in diagram if isinstance(block, Panel)]
+        if not panels:
+            raise BadInput(f"--panel-lost {request.panel_lost}: the run has no page: add --panel")
+        for panel in panels:
+            panel.lost = request.panel_lost
     if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
         with diagram:
             CsvRecorder()

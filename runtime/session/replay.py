@@ -45,7 +45,16 @@ if TYPE_CHECKING:
     from runtime.host.machine.realtime import Realtime
 
 # how a run ended whose cause is not in the recording
-EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "program silent", "unguarded")
+EXTERNAL_ENDS = (
+    "bus error",
+    "fenced",
+    "foreign command",
+    "hung",
+    "overrun",
+    "page lost",
+    "program silent",
+    "unguarded",
+)
 
 
 @dataclass

@@ -178,6 +178,14 @@ class Request:
         help="serve a page for a browser: state, stop, live parameters, plots (default: on this computer alone, "
         "127.0.0.1, first free port from 8470 on)",
     )
+    panel_lost: str | None = option(
+        "--panel-lost",
+        section=OUTPUT,
+        default=None,
+        choices=("continue", "stop"),
+        help="what follows when the page that has the controls is lost: stop arms only once there is one, and ends the "
+        "run in its safe stop when it is lost (default: as in the diagram's Panel, else continue)",
+    )
     realtime: str | None = option(
         "--realtime",
         section=TIMING,

@@ -20,6 +20,7 @@ from runtime.host.live.table import describe
 from runtime.host.machine.realtime import PRIORITY, Realtime
 from runtime.host.machine.sleep import SleepInhibitor
 from runtime.record.recorder import RecorderProcess, can_ask
+from runtime.record.report.failure_coverage import stopping_panel
 from runtime.session.armed import Armed
 from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes
@@ -150,4 +151,5 @@ class Session:
             carried=rig is not None and rig.carries,
             others=aside,
             waits=rig is None and self.prepared.plant is not None,
+            pages=stopping_panel(self.prepared.diagram) is not None,
         )

@@ -82,6 +82,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "e": "A bus has one controller: a second run is rejected.",
             "f": "A computer that can sleep is kept awake during a run, or the run prints why not.",
             "g": "No page of the panel arms a robot or a drive.",
+            "h": "Where a lost page is a stop, no drive is enabled before a page has the controls, at the start and "
+            "after a fault.",
         },
     ),
     "H5": (
@@ -147,9 +149,12 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "e": "Where the network is not the robot's own, the button signs its frames. Others, changed ones and "
             "recorded ones do not count.",
             "f": "Each page of the panel stops the run, whatever else it may do. The death of the panel does not end "
-            "the run; it is reported.",
+            "the run, unless the diagram demands a page; it is reported.",
             "g": "A page whose link is lost reports within half a second that its values are old and that it cannot "
             "stop the robot.",
+            "h": "Where the diagram demands a page, its loss is a stop within 200 ms: closed, cut off, held up on its "
+            "way, frozen, its browser paused, the controls given back or taken by another page, its panel paused or "
+            "dead. A page in the background is not lost.",
         },
     ),
     "H10": (

@@ -4,6 +4,7 @@
     {"do": "operate", "take": true}                     a page that may operate: take the controls, or give them back
     {"do": "set", "id": 7, "changes": [[0, 0.5], ...]}  the operator: change live parameters together, by index
     {"do": "mark", "id": 8, "note": "new shoes"}        the operator: mark this tick, with a note or ""
+    {"do": "seen", "at": 1234567}                       a page that may operate: it has the frame of this time
 
 The loop decides: it compares each value with bounds of its own. An order with an `id` is answered:
 
@@ -55,7 +56,13 @@ class Mark(msgspec.Struct, tag_field="do", tag="mark", forbid_unknown_fields=Tru
     note: Annotated[str, msgspec.Meta(max_length=NOTE_LENGTH)] = ""
 
 
-ORDERS = msgspec.json.Decoder(Stop | Operate | Set | Mark)
+class Seen(msgspec.Struct, tag_field="do", tag="seen", forbid_unknown_fields=True):
+    """Confirm a frame, whose time in µs is `at`."""
+
+    at: int
+
+
+ORDERS = msgspec.json.Decoder(Stop | Operate | Set | Mark | Seen)
 
 
 class Mailbox:

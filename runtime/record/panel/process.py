@@ -13,6 +13,7 @@ import os
 import socket
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 from cext.memory.shared_state import SharedState
@@ -22,6 +23,7 @@ from runtime.record.panel.site import FIRST_PORT, PORTS
 from runtime.record.panel.view import View
 
 EVENT_BYTES = 1 << 17  # of a message
+PRIORITY = 1  # of SCHED_FIFO, below that of the loop and of the guardian
 PORT_TIMEOUT = 5.0  # s for a panel before this one to release a port
 
 
@@ -62,6 +64,9 @@ class Panel:
             self.answer({"error": f"cannot listen on {where}: {error.strerror}"})
             return
         self.answer({"ready": self.server.addresses(), "port": self.server.port})
+        if self.plan["lost"] == "stop":  # other programs shall not delay the replies of the page
+            with suppress(OSError):
+                os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
         loop = asyncio.get_running_loop()
         self.events.setblocking(False)
         loop.add_reader(self.events, self.take_events)

@@ -3,6 +3,11 @@
 Each page has a task of its own that sends the newest frame: a stalled page misses frames, and delays no other. What a
 page sends is limited in size and rate; malformed messages are refused and counted, and a page that
 sends too many of them is closed.
+
+The loop watches the page with the controls, if the diagram demands it: the server shows it the time of the newest frame
+that this page has confirmed. A frame that was held up on its way counts with the time at which it was made, in both
+directions. The page confirms it when its own code has it, which a page that is frozen does not, although its connection
+is alive; browsers slow down the timers of a page in the background, but not its messages.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 
 from runtime.record.panel import access
 from runtime.record.panel.access import OPERATE, VIEW
-from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Set, Stop, answered
+from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Seen, Set, Stop, answered
 from runtime.record.panel.site import PAGE_FOLDER, SOCKET, Site, files_of
 from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
 
@@ -35,10 +40,12 @@ FILES = {
 WATCHING = "/watching"  # socket of pages that only show and stop the run, whatever their token
 MESSAGE_LIMIT = 4096  # bytes of a message of a page
 MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
+SEEN_LIMIT = 64  # newest frames that a page may confirm
+LINK_FRAMES = 15  # that a page has confirmed before the run relies on it: one that loads has work to do
 WAITING_LIMIT = 128  # orders of a page that wait for the run
 REFUSED_LIMIT = 50  # messages of one page that are refused, after which it is closed
 TOKEN_TIMEOUT = 5.0  # s for the first message, which has the token
-POLICY, TRY_LATER, GOING_AWAY = 1008, 1013, 1001  # codes of RFC 6455
+POLICY, TRY_LATER, GOING_AWAY, NOT_CLOSED = 1008, 1013, 1001, 1006  # codes of RFC 6455
 
 
 class Page:
@@ -54,6 +61,7 @@ class Page:
         self.connection, self.number, self.role = connection, number, role
         self.events: deque[str] = deque()
         self.orders: asyncio.Queue[Set | Mark] = asyncio.Queue(WAITING_LIMIT)
+        self.sent: deque[int] = deque(maxlen=SEEN_LIMIT)  # times of the frames that it has not confirmed, in µs
         self.budget, self.at = MESSAGE_BURST, time.monotonic()
         self.refused = 0
 
@@ -61,6 +69,14 @@ class Page:
     def name(self) -> str:
         """Name of the page for people."""
         return f"page {self.number}"
+
+    def has_seen(self, at: int) -> bool:
+        """Take the confirmation of a frame. Returns False for one that was not sent, or confirmed already."""
+        if at not in self.sent:
+            return False
+        while self.sent.popleft() != at:
+            pass
+        return True
 
     def in_budget(self) -> bool:
         """Count a message. Returns whether the page is within its rate."""
@@ -87,7 +103,9 @@ class Server(Site):
         self.tokens = {} if self.local else access.tokens(secret)
         self.opened = 0
         self.operator: Page | None = None
-        self.frame, self.status = b"", ""
+        self.confirmed = 0  # frames by the operator's page, at most LINK_FRAMES
+        self.closing = False
+        self.frame, self.status = (0, b""), ""
         self.news = asyncio.Event()
 
     def addresses(self) -> dict[str, str]:
@@ -126,7 +144,8 @@ class Server(Site):
                 task.cancel()
             del self.pages[page.number]
             if self.operator is page:
-                self.operator = None
+                cut = connection.close_code == NOT_CLOSED
+                self.hand_over(None, "ended" if self.closing else "cut" if cut else "closed")
             self.refresh()
 
     async def role_of(self, connection: ServerConnection) -> str | None:
@@ -150,8 +169,10 @@ class Server(Site):
                 if status is not self.status:
                     status = self.status
                     await page.connection.send(status)
-                if self.frame:
-                    await page.connection.send(self.frame)
+                at, frame = self.frame
+                if frame:
+                    page.sent.append(at)
+                    await page.connection.send(frame)
                 await self.news.wait()
 
     def take(self, page: Page, message: str | bytes) -> bool:
@@ -163,15 +184,21 @@ class Server(Site):
         if isinstance(order, Stop):  # from each page, whatever its role and rate
             self.mailbox.stop(page.number)
             return True
+        if isinstance(order, Seen) and page.has_seen(order.at):  # at most as many as the server has sent frames
+            if page is self.operator:
+                self.show_link(page, 1000 * order.at)
+            return True
         if not page.in_budget():
             return self.refuse("rate")
-        if order is None:
+        if order is None or isinstance(order, Seen):
             return self.refuse("malformed")
         if page.role != OPERATE:
             return self.refuse("role")
         if isinstance(order, Operate):
-            self.operator = page if order.take else None if self.operator is page else self.operator
-            self.refresh()
+            if order.take and page is not self.operator:
+                self.hand_over(page, "taken")
+            elif not order.take and page is self.operator:
+                self.hand_over(None, "returned")
             return True
         if page is not self.operator:
             return self.refuse("role")
@@ -180,6 +207,22 @@ class Server(Site):
         except asyncio.QueueFull:
             self.reply(page, answered(order, "too many requests wait for the run"))
         return True
+
+    def hand_over(self, page: Page | None, why: str) -> None:
+        """Give the controls to a page, or to none. why : as of SharedState.unlink_page, for the page that had them"""
+        if self.operator is not None and self.confirmed == LINK_FRAMES:
+            self.view.shared.unlink_page(why, self.operator.number, 0 if page is None else page.number)
+        self.operator, self.confirmed = page, 0
+        self.refresh()
+
+    def show_link(self, page: Page, at: int) -> None:
+        """Show the loop that the page with the controls has confirmed a frame. at : ns of CLOCK_MONOTONIC"""
+        if self.confirmed == LINK_FRAMES:
+            self.view.shared.beat_page(at)
+            return
+        self.confirmed += 1
+        if self.confirmed == LINK_FRAMES:
+            self.view.shared.link_page(page.number, at)
 
     def refuse(self, why: str) -> bool:
         """Count a refused message. Returns False."""
@@ -234,6 +277,7 @@ class Server(Site):
 
     async def close(self) -> None:
         """Send the last status to all pages, and close them."""
+        self.closing = True
         self.frame = self.view.frame()
         self.refresh()
         await asyncio.sleep(FRAME_PERIOD)

@@ -2,7 +2,8 @@
 
 hello   once: name, signals, live parameters, limits
 frame   30 times a second: doubles FRAME_HEAD, then the newest value of each recorded signal, then the smallest and
-        the largest of its values since the frame before: first those that came earlier, then those that came later
+        the largest of its values since the frame before: first those that came earlier, then those that came later.
+        A page that has the controls confirms each with its time, if a lost page is a stop
 status  5 times a second, and at once when the state changes: JSON
 event   each event of the recording: JSON
 """
@@ -30,7 +31,7 @@ FRAME_PERIOD = 1.0 / 30.0  # s
 STATUS_PERIOD = 0.2  # s
 RATE_WINDOW = 6  # statuses
 EVENT_LIMIT = 200
-FRAME_HEAD = struct.Struct("<dd")  # tick, and the index of the state in STATES
+FRAME_HEAD = struct.Struct("<ddd")  # tick, index of the state in STATES, time in µs of CLOCK_MONOTONIC
 OVER = ("stopping", "safe")
 ARMING = "disabled"  # name of the live parameter of a drive whose value false arms it again
 
@@ -83,18 +84,20 @@ class View:
             "duration": self.plan["duration"],
             "simulated": self.plan["simulated"],
             "diagram": self.plan["drawing"],
-            **{key: self.plan[key] for key in ("marks", "subject", "target", "stride")},
+            **{key: self.plan[key] for key in ("lost", "marks", "subject", "target", "stride")},
             "states": STATES,
             "signals": names.describe(signals),
             "parameters": names.describe(parameters),
         }
 
-    def frame(self) -> bytes:
-        """Return the newest values of all signals, with their tick, -1 before the first one, and the extremes."""
+    def frame(self) -> tuple[int, bytes]:
+        """Return the time in µs, and the newest values of all signals with their tick, -1 before the first."""
+        now = time.monotonic_ns() // 1000
         self.row.look()
         state = STATES.index(self.shared.state)
         arrays = self.row.values, self.row.first, self.row.second
-        return FRAME_HEAD.pack(self.row.tick, state) + b"".join(array.astype("<f8").tobytes() for array in arrays)
+        head = FRAME_HEAD.pack(self.row.tick, state, now)
+        return now, head + b"".join(array.astype("<f8").tobytes() for array in arrays)
 
     def status(self) -> dict[str, Any]:
         """Return state, statistics, live parameters and recording, for JSON."""

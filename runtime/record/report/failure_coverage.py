@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from blocks.sinks import Panel
+from runtime.host.errors import BadInput
+
 if TYPE_CHECKING:
+    from graph import Diagram
     from graph.device import Device
     from runtime.host.console.styles import Console
 
@@ -17,7 +21,18 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
 )
 
 
-def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[dict[str, bool | str]]:
+def stopping_panel(diagram: Diagram) -> Panel | None:
+    """Return the Panel of a diagram whose lost page is a stop, or None. Raises BadInput for more than one."""
+    panels = [block for block in diagram if isinstance(block, Panel) and block.lost == "stop"]
+    if len(panels) > 1:
+        names = " and ".join(panel.path for panel in panels)
+        raise BadInput(f'{names} have lost="stop", but the controls of a run are on one page: keep it in one of them')
+    return panels[0] if panels else None
+
+
+def coverage(
+    devices: Sequence[Device], everything: Sequence[Device], page: bool = False
+) -> list[dict[str, bool | str]]:
     """Return the failures of a run, as a list of {"failure", "covered", "by"}.
 
     The list is empty for a bus without anything to stop. `by` names the component that stops the drives, or the drives
@@ -25,6 +40,7 @@ def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[di
 
     devices : graph.Device on the bus
     everything : graph.Device of the whole diagram
+    page : whether a lost page of the panel is a stop
     """
     movers = [device for device in devices if _moves(device)]
     if not movers:
@@ -38,6 +54,7 @@ def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[di
         _entry("kill -STOP", GUARDIAN),
         _entry("hung block", WATCHDOG),
         _entry("loss of the guardian", RUN),
+        *[_entry("loss of the page with the controls", RUN)] * page,
         _entry("kill -9 of guardian and control process together", by, covered=not alone),
         _entry("power loss of the computer", by, covered=not alone),
         _entry("suspend of the computer", by, covered=not alone),

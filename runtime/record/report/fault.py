@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cext.safety.suspend import time_suspended, was_paused
+from cext.safety.thresholds import PAGE_SILENCE
 from cext.user_text import last_lines
 from graph import Device
 from graph.signal import Signal
+from runtime.host.system import read
 from runtime.record.report import drive_faults, fault_context, lost_replies
 from runtime.record.report.lost_ticks import before_fault
 from runtime.record.report.timing import micro
@@ -20,6 +22,7 @@ from runtime.robot.loading.file import own_frames, words
 if TYPE_CHECKING:
     import numpy as np
 
+    from cext.memory.shared_state import SharedState
     from cext.schedule.outcome import Outcome
     from cext.schedule.program import Program
     from graph import Block, Diagram, Schedule
@@ -249,6 +252,32 @@ def suspended_text(result: RunResult) -> str:
     )
 
 
+def lost_page_text(shared: SharedState | None) -> str:
+    """Return which page with the controls was lost, and why."""
+    page, why, taker = (0, "", 0) if shared is None else shared.lost_page
+    if shared is None or not why:
+        return "the page with the controls was lost"
+    words = {
+        "silent": f"{PAGE_SILENCE * 1e-6:g} ms without a reply from page {page}: {silence_of(shared.page_process)}",
+        "closed": f"page {page} was closed or reloaded",
+        "cut": f"the connection of page {page} was cut, or its browser has died",
+        "taken": f"page {taker} took the controls from page {page}",
+        "returned": f"page {page} gave the controls back",
+        "ended": f"the process of the panel ended, and with it page {page}",
+    }
+    return f'{words[why]}. It had the controls, and the Panel has lost="stop"'
+
+
+def silence_of(panel: int) -> str:
+    """Return why a page may not have replied. panel : ID of the process of the panel"""
+    state = read(f"/proc/{panel}/stat").rpartition(")")[2].split()[:1]
+    if state in ([], ["Z"], ["X"]):
+        return "the process of the panel has died"
+    if state in (["T"], ["t"]):
+        return "the process of the panel is paused"
+    return "its link is lost or slow, or its browser or computer is paused, busy or asleep"
+
+
 def two_devices(block: Block | None) -> str:
     """Return which id two devices answer to, and the remedy."""
     if not isinstance(block, Device):
@@ -321,6 +350,7 @@ TEXTS: dict[str, str | Callable[[Case], str]] = {  # of each status of an Outcom
     "two devices": lambda case: two_devices(case.block),
     "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise loop_timeout, "
     "or move what takes long to another thread",
+    "page lost": lambda case: lost_page_text(case.result.shared),
     "suspended": lambda case: suspended_text(case.result),
 }
 

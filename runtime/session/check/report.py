@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import asdict
 
 from cext.fused.library import obstacle
+from cext.safety.thresholds import PAGE_SILENCE
 from graph import Device, DiagramError, Signal
 from graph.assembly import assemble
 from graph.compiler import examine
@@ -19,7 +20,7 @@ from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
 from runtime.host.console.styles import place
 from runtime.host.errors import BadInput
-from runtime.record.report.failure_coverage import coverage
+from runtime.record.report.failure_coverage import coverage, stopping_panel
 from runtime.record.report.preflight.table import stop_of
 from runtime.robot.loading.file import call_code_of_blocks, load
 from runtime.robot.loading.recorded_signals import select_recorded
@@ -83,6 +84,9 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
     coverage               for each failure of a run on a rig: failure,
                            covered, by (what stops the drives, or the drives
                            that nothing stops)
+  page                     null unless a lost page of the panel is a stop: panel
+                           (path), silence (time in s without a reply from the
+                           page with the controls that ends the run)
   battery                  null without a rig that has one: its keys there, energy
                            (W·h), peak (A, at most), least_time (h), drives,
                            simulated (null without a plant)
@@ -122,6 +126,7 @@ def check(
         require_supply(rig_file.battery, diagram, rig_file.path)
     if rate is not None:
         diagram.rate = rate
+    panel = stopping_panel(diagram)
     analysis = call_code_of_blocks(path, examine, diagram)
     errors, plant = list(analysis.errors), None
     budget, overloads = None, []
@@ -158,6 +163,7 @@ def check(
         ],
         "caveats": [_describe_caveat(caveat) for caveat in analysis.caveats],
         "buses": buses(diagram, schedule),
+        "page": None if panel is None else {"panel": panel.path, "silence": PAGE_SILENCE * 1e-9},
         "battery": budget,
         "plant": plant,
         "errors": [_describe(d) for d in errors],
@@ -174,6 +180,7 @@ def report_of_refusal(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str
         "rate": None,
         "ok": False,
         "schedule": None,
+        "page": None,
         "battery": None,
         "plant": None,
         "errors": [_describe(d) for d in diagnostics],
@@ -305,7 +312,7 @@ def buses(diagram: Diagram, schedule: Schedule | None) -> list[dict[str, Any]]:
             "medium": own[0].medium,
             "line": getattr(own[0], "line", ""),
             "devices": [block.path for block in own],
-            "coverage": coverage(own, every_device),
+            "coverage": coverage(own, every_device, stopping_panel(diagram) is not None),
         }
         | (asdict(loads[bus]) if bus in loads else {})
         for bus, own in sorted(devices.items())

@@ -47,7 +47,7 @@ def text(report: Mapping[str, Any], console: Console) -> list[str]:
     """Return all lines of the report. report : as returned by runtime.session.check.report.check"""
     lines = _heading(report, console)
     if not report["errors"]:
-        for section in (_ports, _schedule, holds, _proofs, _buses):
+        for section in (_ports, _schedule, holds, _proofs, _buses, _page):
             lines += section(report, console)
         lines += battery_lines(report["battery"], console)
     for problem in report["errors"]:
@@ -298,6 +298,17 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
         lines += console.hang(f"  {'':<{width}}  ", ", ".join(bus["devices"]), console.faint)
         lines += coverage_lines(bus["coverage"], console, " " * (width + 4))
     return lines
+
+
+def _page(report: Mapping[str, Any], console: Console) -> list[str]:
+    if report["page"] is None:
+        return []
+    words = (
+        f'{report["page"]["panel"]} has lost="stop": no drive of a rig is enabled before a page has the controls, and '
+        f"the run ends in its safe stop if that page is lost, or has not replied to values for "
+        f"{report['page']['silence'] * 1e3:g} ms"
+    )
+    return ["", *console.hang(console.bold("page") + "  ", words)]
 
 
 # Errors and warnings

@@ -11,6 +11,7 @@ ONCE = {  # modules and tests
     "test_enabling",
     "test_many_drives",
     "test_no_output_leaves_the_range_that_is_proved",
+    "test_page_watch",
     "test_ready",
     "test_stop_values",
     "test_two_devices",

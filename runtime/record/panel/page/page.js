@@ -33,6 +33,7 @@ const $ = (id) => document.getElementById(id);
 const token = location.hash.slice(1);
 let socket = null, hello = null, status = null, values = null, tick = -1;
 let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, drawn = 0, cells = [];
+let mine = false, seen = 0;    // whether this page has the controls; time of the newest frame that it has confirmed
 
 const plots = new Plots($("charts"), $("list"), $("filter"));
 const diagram = new DiagramView($("diagram"), $("drawing"), (indices) => plots.toggleAll(indices));
@@ -48,7 +49,7 @@ function connect() {
   made.onmessage = (message) => {
     if (made !== socket) return;
     heard = performance.now();
-    if (typeof message.data === "string") take(JSON.parse(message.data)); else takeFrame(message.data);
+    if (typeof message.data === "string") take(JSON.parse(message.data)); else { confirmFrame(message.data); takeFrame(message.data); }
   };
   made.onclose = (event) => {
     if (made !== socket) return;
@@ -62,6 +63,14 @@ function send(order) {
   if (!socket || socket.readyState !== WebSocket.OPEN || !linked()) return false;
   socket.send(JSON.stringify(order));
   return true;
+}
+
+// The run watches this page by its confirmations, from here: a frozen page sends none, and one in the background does.
+function confirmFrame(buffer) {
+  const at = new Float64Array(buffer, 16, 1)[0];
+  if (!mine || hello.lost !== "stop" || at === seen) return;
+  seen = at;
+  socket.send(JSON.stringify({ do: "seen", at }));
 }
 
 const linked = () => performance.now() - heard < LINK_TIMEOUT;
@@ -78,7 +87,8 @@ function watch() {
   if (ended && !linked()) text = "";
   else if (problem) text = problem;
   else if (!linked()) text = heard ? `Link lost. These values are ${((now - heard) / 1000).toFixed(1)} s old, and this page ` +
-    "cannot stop the robot. Use the emergency stop, or the space bar in the terminal of the run." : "Connecting…";
+    "cannot stop the robot. " + (mine && hello.lost === "stop" ? "The run stops without it. If it does not, use" : "Use") +
+    " the emergency stop, or the space bar in the terminal of the run." : "Connecting…";
   else if (status && status.gone) text = "The process of the run has died. Its guardian stops the motors of a rig.";
   else if (stalled) text = "The run does not advance: these values are old.";
   if ($("alarm").textContent !== text) $("alarm").textContent = text;
@@ -128,12 +138,12 @@ function takeHello(message) {
 function takeFrame(buffer) {
   if (!hello) return;
   const doubles = new Float64Array(buffer), count = hello.signals.length;
-  if (doubles.length !== 2 + 3 * count) return;
+  if (doubles.length !== 3 + 3 * count) return;
   if (status) status.state = hello.states[doubles[1]];
   if (doubles[0] !== tick) {
     tick = doubles[0];
     advanced = performance.now();
-    const [newest, first, second] = [0, 1, 2].map((place) => doubles.subarray(2 + place * count, 2 + (place + 1) * count));
+    const [newest, first, second] = [0, 1, 2].map((place) => doubles.subarray(3 + place * count, 3 + (place + 1) * count));
     values = newest;
     if (tick >= 0) plots.add(tick / hello.rate, values, first, second);
   }
@@ -156,13 +166,15 @@ function takeStatus(message) {
   $("file").textContent = recording ? recording.name : "not recorded";
   $("file").title = recording ? `${recording.folder}/${recording.name}` : "";
   const operator = status.pages.find((page) => page.operates);
-  const mine = operator && operator.name === hello.page, may = hello.role === "operate";
+  const may = hello.role === "operate", armed = hello.lost === "stop" && status.state === "running";
+  mine = Boolean(operator) && operator.name === hello.page;
   $("operator").textContent = (operator ? (mine ? "this page" : operator.name) : "no page") +
     (status.pages.length > 1 ? `, ${status.pages.length} pages open` : "");
-  $("controls").firstElementChild.textContent = mine ? "This page has the controls." :
+  $("controls").firstElementChild.textContent = mine ? "This page has the controls." +
+    (hello.lost === "stop" ? " The robot stops if it is closed, reloaded or loses its link." : "") :
     may ? `${operator ? capital(operator.name) : "No page"} has the controls.` : "This page shows the run and may stop it.";
-  $("controls").hidden = mine && status.pages.length === 1;
-  $("take").textContent = mine ? "Give them back" : "Take the controls";
+  $("controls").hidden = mine && status.pages.length === 1 && hello.lost !== "stop";
+  $("take").textContent = (mine ? "Give them back" : "Take the controls") + (armed && operator ? " and stop the robot" : "");
   $("take").hidden = !may;
   $("take").onclick = () => send({ do: "operate", take: !mine });
   for (const control of [$("mark"), $("note"), ...$("marks").children]) control.disabled = !mine || status.over;
@@ -416,6 +428,7 @@ $("span").addEventListener("change", () => plots.setSpan(Number($("span").value)
 $("clear").addEventListener("click", () => plots.clear());
 $("average").addEventListener("change", () => plots.setAverage($("average").checked));
 addEventListener("resize", () => plots.resize());
+document.addEventListener("visibilitychange", watch);   // its timers are slow in the background
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.rebuild());
 
 setInterval(watch, 50);

@@ -25,7 +25,7 @@ END_TIMEOUT = 1.0  # s, to show the end of the run
 START_LIMIT = 2
 EVENT_LIMIT = 60_000  # bytes of an event
 PLANNED = ("folder", "stem", "rate", "duration", "simulated", "drawing", "buses", "bitrates")
-CHOSEN = ("host", "port", "marks", "subject", "target", "stride")  # parameters of the block
+CHOSEN = ("host", "port", "lost", "marks", "subject", "target", "stride")  # parameters of the block
 
 
 class PanelError(OSError):

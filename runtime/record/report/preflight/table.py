@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from graph import Actuator
 from graph.caveats import in_words
 from graph.signal import Signal
-from runtime.record.report.failure_coverage import coverage
+from runtime.record.report.failure_coverage import coverage, stopping_panel
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
 NOT_SET = (None, (), "")  # values of a parameter that a diagram leaves to the rig
+NO_PAGE = "no page has the controls: open the address of the panel in a browser, or take the controls there"
 RANGE_END_MARGIN = 1e-3  # share of the position range
 
 
@@ -46,6 +47,7 @@ class Preflight:
         poses: Poses | None = None,
     ) -> None:
         self.poses = poses
+        self.page = stopping_panel(diagram) is not None
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
@@ -61,14 +63,15 @@ class Preflight:
             "channel": channel,
             "typical": None if load is None else load.typical,
             "worst": None if load is None else load.worst,
-            "coverage": coverage([block for block in self.devices if block.bus == name], self.devices),
+            "coverage": coverage([block for block in self.devices if block.bus == name], self.devices, self.page),
         }
 
-    def event(self, values: np.ndarray, found_enabled: Sequence[str] = ()) -> dict[str, Any]:
+    def event(self, values: np.ndarray, found_enabled: Sequence[str] = (), linked: bool = False) -> dict[str, Any]:
         """Return the table as an event.
 
         values : the arena
         found_enabled : paths of the drives that another program has left enabled
+        linked : whether a page of the panel has the controls
         """
         refusals = {} if self.poses is None else self.poses.look(values, unheard=self.unheard)
         rows = [self.row(block, values) for block in self.devices]
@@ -81,8 +84,9 @@ class Preflight:
             "devices": rows,
             "buses": self.buses,
             "guardian": self.granted,
-            "refused": list(refusals.values()),
+            "refused": [*refusals.values(), *[NO_PAGE] * (self.page and not linked)],
             "confirm": self.confirm,
+            "page": self.page,
         }
 
     def row(self, block: Any, values: np.ndarray) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from runtime.record.report.failure_coverage import coverage_lines
 if TYPE_CHECKING:
     from runtime.host.console.styles import Console
 
+PAGE = "the run ends in its safe stop if the page with the controls is lost"
 ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
 ASK_AGAIN = "press Enter to check again; space, q or Ctrl-C end the run without arming"
 
@@ -21,6 +22,8 @@ def text(event: dict[str, Any], console: Console) -> list[str]:
     lines = [console.bold("before arming"), *_devices(event["devices"], console), *_buses(event["buses"], console)]
     if event["guardian"]:
         lines += console.hang("  guardian  ", ", ".join(event["guardian"]), console.faint)
+    if event.get("page"):
+        lines += console.hang("  page  ", PAGE, console.faint)
     problems = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
     if problems:
         lines += console.hang("", f"{count(len(problems), 'problem')}: {'; '.join(problems)}", console.error)

@@ -5,12 +5,16 @@ import json
 import re
 import socket
 import struct
+import threading
 import time
+from collections import deque
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from runtime.record.panel.server import LINK_FRAMES
 from tests.runtime.runs import Files, started, write
+from tests.runtime.terminals import patient
 
 # A knee that turns, a gain that may be changed, and a rule that holds between two limits.
 ROBOT = """
@@ -109,6 +113,8 @@ def running(folder, *options, law=SWING, host="127.0.0.1", more=""):
 class Page:
     """A page without a browser: sends orders, and keeps what arrives."""
 
+    confirms = False  # whether it confirms frames
+
     def __init__(self, connection, token):
         self.socket, self.hello, self.status, self.frames, self.events, self.answers = (
             connection,
@@ -133,7 +139,9 @@ class Page:
         """Take one message."""
         message = self.socket.recv(timeout=timeout)
         if isinstance(message, bytes):
-            tick, state, *values = struct.unpack(f"<{len(message) // 8}d", message)
+            tick, state, at, *values = struct.unpack(f"<{len(message) // 8}d", message)
+            if self.confirms:
+                self.confirm(int(at))
             values, self.extremes = values[: len(values) // 3], values[len(values) // 3 :]
             self.frames.append((int(tick), self.hello["states"][int(state)], values))
             return
@@ -175,3 +183,98 @@ class Page:
     def index(self, path):
         """Index of a live parameter."""
         return [each["path"] for each in self.hello["parameters"]].index(path)
+
+
+class Watched(Page):
+    """A page that a run watches: it takes and confirms frames by itself.
+
+    lag : s by which it is late; frozen : whether its code stands still while its connection is alive
+    """
+
+    confirms, lag, frozen = True, 0.0, False
+
+    def __init__(self, connection, token):
+        self.seen = []  # (time of the wall clock, time of the frame) of its confirmations
+        self.late = deque()
+        super().__init__(connection, token)
+        self.thread = threading.Thread(target=self.serve, daemon=True)
+        self.thread.start()
+
+    def confirm(self, at):
+        self.late.append((time.time() + self.lag, at))
+        while self.late and self.late[0][0] <= time.time() and not self.frozen:
+            at = self.late.popleft()[1]
+            if not self.seen or self.seen[-1][1] < at:
+                self.seen.append((time.time(), at))
+                self.send(do="seen", at=at)
+
+    def serve(self):
+        with contextlib.suppress(ConnectionClosed, OSError, TimeoutError):
+            while True:
+                self.take(60.0)
+
+    def until(self, condition, timeout=20.0):
+        """Wait until a condition holds."""
+        if not hasattr(self, "thread"):
+            return super().until(condition, timeout)
+        return patient(condition, timeout)
+
+    def operate(self):
+        """Take the controls, and confirm frames with them until the run may be armed."""
+        self.send(do="operate", take=True)
+        self.until(lambda: {"name": self.hello["page"], "role": "operate", "operates": True} in self.status["pages"])
+        count = len(self.seen)
+        self.until(lambda: len(self.seen) > count + LINK_FRAMES + 1)
+
+
+class Proxy:
+    """A way to a port of this computer that can be cut, or hold every byte.
+
+    flowing : threading.Event, cleared while it holds the bytes
+    """
+
+    def __init__(self, port):
+        self.to, self.ends, self.flowing = port, [], threading.Event()
+        self.flowing.set()
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.port = self.server.getsockname()[1]
+
+    def __enter__(self):
+        threading.Thread(target=self.accept, daemon=True).start()
+        return self
+
+    def __exit__(self, *exception):
+        self.server.close()
+        self.cut()
+        self.flowing.set()
+
+    def accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                here, _ = self.server.accept()
+                try:
+                    there = socket.create_connection(("127.0.0.1", self.to))
+                except OSError:
+                    here.close()
+                    continue
+                self.ends += [here, there]
+                for one, other in ((here, there), (there, here)):
+                    one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    threading.Thread(target=self.pump, args=(one, other), daemon=True).start()
+
+    def pump(self, one, other):
+        with contextlib.suppress(OSError):
+            while data := one.recv(1 << 16):
+                self.flowing.wait()
+                other.sendall(data)
+        for end in (one, other):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self):
+        """Cut every connection, without the farewell of its protocol."""
+        while self.ends:
+            end = self.ends.pop()
+            with contextlib.suppress(OSError):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                end.shutdown(socket.SHUT_RDWR)

@@ -19,7 +19,7 @@ from runtime.host.options import panel_address
 from runtime.record.panel.names import describe
 from runtime.record.panel.server import MESSAGE_LIMIT, MESSAGE_RATE, REFUSED_LIMIT
 from tests.runtime.record.panel.panels import Page, running
-from tests.runtime.runs import assert_safely_stopped, descendant
+from tests.runtime.runs import assert_safely_stopped, descendant, write
 
 GAIN = "left/law.gain"
 
@@ -199,6 +199,10 @@ HOSTILE = [
     '{"do": "set", "id": 1, "changes": [[0, 1e999]]}',
     '{"do": "set", "id": 1, "changes": [[0, NaN]]}',
     '{"do": "fly"}',
+    '{"do": "seen"}',
+    '{"do": "seen", "at": 1}',
+    '{"do": "seen", "at": -1e300}',
+    '{"do": "seen", "at": "1"}',
     '{"do": "operate", "take": 1}',
     "[" * 2000,
     "\ud7ff\x00" * 50,
@@ -400,6 +404,16 @@ def test_virtual_time_has_no_page(command_line):
     assert "--panel and --fast exclude each other" in command_line.refused(
         "robot.py", "--panel", "8080", "--fast", "--duration", "1"
     )
+
+
+def test_lost_page_is_a_stop_for_one_panel_of_a_run_that_has_one(command_line):
+    head = "from blocks.sinks import Panel\nfrom graph import Diagram\n"
+    robot = "with Diagram('robot', rate=200) as diagram:\n    "
+    write(command_line.folder, f"from blocks.sources import Constant\n{head}{robot}Constant(0.0)()")
+    assert "the run has no page: add --panel" in command_line.refused("robot.py", "--panel-lost", "stop")
+    write(command_line.folder, head + robot + "; ".join(["Panel(lost='stop')"] * 2))
+    assert 'panel and panel_2 have lost="stop"' in command_line.refused("robot.py")
+    assert 'panel and panel_2 have lost="stop"' in command_line.refused("check", "robot.py")
 
 
 def test_names_and_units_are_those_of_people():
