@@ -194,7 +194,7 @@ def adapt(diagram: Diagram, request: Request) -> None:
         if not panels:
             raise BadInput(f"--panel-lost {request.panel_lost}: the run has no page: add --panel")
         for panel in panels:
-            panel.lost = request.panel_lost
+            panel.lost = "stop" if request.panel_lost == "stop" else "continue"
     if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
         with diagram:
             CsvRecorder()
