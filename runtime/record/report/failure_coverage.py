@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from blocks.sinks import Panel
 from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
+    from blocks.sinks import Panel
     from graph import Diagram
     from graph.device import Device
     from runtime.host.console.styles import Console
@@ -23,6 +23,8 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
 
 def stopping_panel(diagram: Diagram) -> Panel | None:
     """Return the Panel of a diagram whose lost page is a stop, or None. Raises BadInput for more than one."""
+    from blocks.sinks import Panel  # not in the process of the recorder
+
     panels = [block for block in diagram if isinstance(block, Panel) and block.lost == "stop"]
     if len(panels) > 1:
         names = " and ".join(panel.path for panel in panels)

@@ -126,7 +126,7 @@ def test_the_report_of_the_guardian_replaces_the_status_line(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     terminal.wait_for("ready ")
     terminal.process.kill()
-    terminal.wait_for(r"\r\x1b\[Ktickwork guardian: the control process died after arming; .*\r\n")
+    terminal.wait_for(r"\r\x1b\[Jtickwork guardian: the control process died after arming; .*\r\n")
     terminal.end()
 
 
