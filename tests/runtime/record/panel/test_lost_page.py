@@ -18,7 +18,7 @@ from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, descendant, write, writer_of
 from tests.runtime.terminals import Terminal
 
-pytestmark = pytest.mark.paced
+pytestmark = pytest.mark.timing
 SILENT = "170 ms without a reply from page {}: "
 LINK = SILENT + "its link is lost or slow, or its browser or computer is paused, busy or asleep"
 
