@@ -12,7 +12,7 @@ from graph import Device, Diagram, Schedule
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
-from runtime.record.report.failure_coverage import stopping_panel
+from runtime.record.report.preflight.table import stopping_panel
 from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.overrides import set_seeds
 from runtime.robot.loading.simulation import Simulation

@@ -20,7 +20,7 @@ from runtime.host.live.table import describe
 from runtime.host.machine.realtime import PRIORITY, Realtime
 from runtime.host.machine.sleep import SleepInhibitor
 from runtime.record.recorder import RecorderProcess, can_ask
-from runtime.record.report.failure_coverage import stopping_panel
+from runtime.record.report.preflight.table import stopping_panel
 from runtime.session.armed import Armed
 from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes

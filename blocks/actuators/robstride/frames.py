@@ -113,7 +113,7 @@ def difference(written: Sequence[tuple[int, float]], place: int, bits: int) -> s
     return f"{name} reads {struct.unpack_from(layout, bits.to_bytes(4, 'little'))[0]:g}, {value:g} was written"
 
 
-COMPARED = {9: ("position", 0x7019, "mechPos"), 10: ("velocity", 0x701B, "mechVel")}  # PLACE of settings.pxd
+COMPARED = {9: ("position", MECH_POS, "mechPos"), 10: ("velocity", MECH_VEL, "mechVel")}  # PLACE of settings.pxd
 
 
 def compared_in_words(indices: Sequence[int]) -> str:

@@ -6,7 +6,7 @@ import os
 import select
 from typing import TYPE_CHECKING
 
-from runtime.host.console.terminal import harmless, readable
+from runtime.host.console.terminal import ERASE, harmless, readable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,7 +72,7 @@ class Terminal:
     def erase(self) -> None:
         """Remove the status line, if one is drawn."""
         if self.drawn:
-            self.write("\r\x1b[J")
+            self.write(ERASE)
             self.drawn = False
 
     def say(self, line: str) -> bool:

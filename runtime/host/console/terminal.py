@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TextIO
 
+ERASE = "\r\x1b[J"  # to the start of the line, and what follows it
 LOST = "has_lost_text"  # attribute of a stream to which a result could not be written
 
 
@@ -117,7 +118,7 @@ class StopMessages:
         words : text with names of devices and interfaces, which may contain any characters
         """
         with suppress(Exception):  # the code of a diagram may have closed or replaced it
-            erase = "\r\x1b[J" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
+            erase = ERASE if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
             line = f"{erase}{one_line(words)}\n"
             self._waiting += line.encode(sys.stderr.encoding or "utf-8", "backslashreplace")
         self.flush()

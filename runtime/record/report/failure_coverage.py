@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from runtime.host.errors import BadInput
-
 if TYPE_CHECKING:
-    from blocks.sinks import Panel
-    from graph import Diagram
     from graph.device import Device
     from runtime.host.console.styles import Console
 
@@ -19,17 +15,6 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
     "the run itself",
     "the drives' own time-out",
 )
-
-
-def stopping_panel(diagram: Diagram) -> Panel | None:
-    """Return the Panel of a diagram whose lost page is a stop, or None. Raises BadInput for more than one."""
-    from blocks.sinks import Panel  # not in the process of the recorder
-
-    panels = [block for block in diagram if isinstance(block, Panel) and block.lost == "stop"]
-    if len(panels) > 1:
-        names = " and ".join(panel.path for panel in panels)
-        raise BadInput(f'{names} have lost="stop", but the controls of a run are on one page: keep it in one of them')
-    return panels[0] if panels else None
 
 
 def coverage(

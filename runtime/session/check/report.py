@@ -20,8 +20,8 @@ from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
 from runtime.host.console.styles import place
 from runtime.host.errors import BadInput
-from runtime.record.report.failure_coverage import coverage, stopping_panel
-from runtime.record.report.preflight.table import stop_of
+from runtime.record.report.failure_coverage import coverage
+from runtime.record.report.preflight.table import stop_of, stopping_panel
 from runtime.robot.loading.file import call_code_of_blocks, load
 from runtime.robot.loading.recorded_signals import select_recorded
 from runtime.robot.loading.simulation import Simulation

@@ -10,10 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from blocks.sinks import Panel
 from graph import Actuator
 from graph.caveats import in_words
 from graph.signal import Signal
-from runtime.record.report.failure_coverage import coverage, stopping_panel
+from runtime.host.errors import BadInput
+from runtime.record.report.failure_coverage import coverage
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +27,15 @@ OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
 NOT_SET = (None, (), "")  # values of a parameter that a diagram leaves to the rig
 NO_PAGE = "no page has the controls: open the address of the panel in a browser, or take the controls there"
 RANGE_END_MARGIN = 1e-3  # share of the position range
+
+
+def stopping_panel(diagram: Diagram) -> Panel | None:
+    """Return the Panel of a diagram whose lost page is a stop, or None. Raises BadInput for more than one."""
+    panels = [block for block in diagram if isinstance(block, Panel) and block.lost == "stop"]
+    if len(panels) > 1:
+        names = " and ".join(panel.path for panel in panels)
+        raise BadInput(f'{names} have lost="stop", but the controls of a run are on one page: keep it in one of them')
+    return panels[0] if panels else None
 
 
 class Preflight:
