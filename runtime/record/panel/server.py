@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from runtime.record.panel.view import View
 
 FILES = {
-    **files_of(PAGE_FOLDER, "index.html", "page.js", "diagram.js", "parameters.js", "subject.css", "subject.js"),
+    **files_of(PAGE_FOLDER, "index.html", "page.js", "diagram.js", "painter.js", "parameters.js"),
+    **{f"/{name}": (PAGE_FOLDER, name) for name in ("subject.css", "subject.js")},
     "/subject": (PAGE_FOLDER, "subject.html"),
 }
 WATCHING = "/watching"  # socket of pages that only show and stop the run, whatever their token

@@ -10,8 +10,7 @@ const STYLE = `
 :host { display: block; }
 svg { display: block; }
 .paper { fill: none; }
-.line { transition: stroke .2s, stroke-width .2s;
-  stroke: color-mix(in srgb, var(--wire), var(--glow) calc(100% * var(--pulse, 0)));
+.line { stroke: color-mix(in srgb, var(--wire), var(--glow) calc(100% * var(--pulse, 0)));
   stroke-width: calc(1.4px + 1.6px * var(--pulse, 0)); }
 .hit { fill: none; stroke: transparent; stroke-width: 12; cursor: pointer; }
 .port.signal { cursor: pointer; }
@@ -25,8 +24,7 @@ svg { display: block; }
   .box > .body { fill: #10151d; } .box > .head { fill-opacity: .22; } .box > .edge { stroke-opacity: .9; }
   .frame > .edge { fill: #141a22; stroke: #313a48; } .frame > .head { fill: #1d2530; stroke: #313a48; }
   .dot, .joint { fill: #8593a6; } .back { --wire: #d98a52; }
-}
-@media (prefers-reduced-motion: reduce) { .line { transition: none; } }`;
+}`;
 
 export class DiagramView {
   // place: element for the drawing; tools: with the buttons out, fit and in; toggle(indices): plots signals, or no longer

@@ -1,5 +1,6 @@
 // The page of the panel: one WebSocket, which brings doubles in binary messages and everything else as JSON.
 import { DiagramView } from "./diagram.js";
+import { Painter } from "./painter.js";
 import { Plots } from "./plots.js";
 import { Parameters } from "./parameters.js";
 import { capital, clock, element, number, withUnit } from "./text.js";
@@ -35,7 +36,8 @@ let socket = null, hello = null, status = null, values = null, tick = -1;
 let heard = 0, advanced = 0, opened = 0, asked = null, problem = "", ended = false, end = null, shown = 0, drawn = 0, cells = [];
 let mine = false, seen = 0;    // whether this page has the controls; time of the newest frame that it has confirmed
 
-const plots = new Plots($("charts"), $("list"), $("filter"));
+const painter = new Painter(parts);
+const plots = new Plots($("charts"), $("list"), $("filter"), () => painter.due());
 const diagram = new DiagramView($("diagram"), $("drawing"), (indices) => plots.toggleAll(indices));
 const parameters = new Parameters($("parameters"), $("both"), send, $("tools"));
 
@@ -147,16 +149,22 @@ function takeFrame(buffer) {
     values = newest;
     if (tick >= 0) plots.add(tick / hello.rate, values, first, second);
   }
-  const now = performance.now();
+  painter.due();
+}
+
+// What is to be drawn, as functions. The message of a frame draws nothing: its reply does not wait.
+function parts() {
+  const now = performance.now(), due = $("plots").hidden ? [] : plots.parts();
   if (now - shown > TEXT_PERIOD) {
     shown = now;
-    for (const cell of cells) cell.slow();
+    due.push($("plots").hidden ? showOperate : () => plots.showValues(values));
     if (tick >= 0) $("time").textContent = clock((tick + 1) / hello.rate);
-    if (!$("plots").hidden) plots.showValues(values);
-    if (!$("plots").hidden && $("drawing").open && now - drawn > DIAGRAM_PERIOD) { drawn = now; diagram.show(values); }
   }
-  if (!$("plots").hidden) plots.draw();
+  if (!$("plots").hidden && $("drawing").open && now - drawn > DIAGRAM_PERIOD) { drawn = now; due.push(() => diagram.show(values)); }
+  return due;
 }
+
+const showOperate = () => { for (const cell of cells) cell.slow(); };
 
 function takeStatus(message) {
   status = message;
@@ -413,7 +421,6 @@ function select(name) {
     $(`tab-${each}`).tabIndex = each === name ? 0 : -1;
   }
   for (const [id, place] of Object.entries(places)) (name === "plots" ? $("beside") : place).append($(id));
-  plots.resize();
 }
 for (const name of tabs) $(`tab-${name}`).addEventListener("click", () => select(name));
 $("tab-operate").parentElement.addEventListener("keydown", (event) => {
@@ -427,7 +434,6 @@ $("pause").addEventListener("click", () => { $("pause").textContent = plots.paus
 $("span").addEventListener("change", () => plots.setSpan(Number($("span").value)));
 $("clear").addEventListener("click", () => plots.clear());
 $("average").addEventListener("change", () => plots.setAverage($("average").checked));
-addEventListener("resize", () => plots.resize());
 document.addEventListener("visibilitychange", watch);   // its timers are slow in the background
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.rebuild());
 

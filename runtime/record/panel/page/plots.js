@@ -18,10 +18,17 @@ export const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [5, 5], [1, 5]];
 const shown = (plot, value) => (value === null || value === undefined ? "–" : number(value));
 
 export class Plots {
-  constructor(place, list, filter) {
-    this.place = place; this.list = list; this.filter = filter;
+  // due(): asks for the parts to be drawn
+  constructor(place, list, filter, due) {
+    this.place = place; this.list = list; this.filter = filter; this.due = due;
     this.charts = new Map(); this.span = 10; this.paused = false; this.count = 0; this.zoomed = false; this.average = false;
     filter.addEventListener("input", () => this.find());
+    const note = (notes, take) => {
+      for (const each of notes) { const chart = this.charts.get(each.target.dataset.key); if (chart) take(chart, each); }
+      this.due();
+    };
+    this.sizes = new ResizeObserver((notes) => note(notes, (chart, { contentRect }) => { chart.width = Math.floor(contentRect.width); }));
+    this.sights = new IntersectionObserver((notes) => note(notes, (chart, { isIntersecting }) => { chart.seen = isIntersecting; }));
   }
 
   build(hello) {
@@ -95,13 +102,15 @@ export class Plots {
   }
 
   toggle(index, on) {
-    const key = this.keyOf(index), chart = this.charts.get(key) || { indices: [] };
+    const key = this.keyOf(index);
     if (on && !this.charts.has(key) && this.charts.size >= PLOT_LIMIT) { this.cells[index].box.checked = false; return; }
+    const chart = this.charts.get(key) ?? this.open(key);
     chart.indices = chart.indices.filter((other) => other !== index);
     if (on) chart.indices.push(index);
     this.cells[index].box.checked = on;
-    this.charts.set(key, chart);
-    this.make(key);
+    chart.stale = true;
+    if (!chart.indices.length) this.close(chart);
+    this.due();
   }
 
   has(index) { return this.cells[index].box.checked; }
@@ -112,27 +121,36 @@ export class Plots {
     for (const index of indices) if (this.has(index) !== on) this.toggle(index, on);
   }
 
-  make(key) {
-    const chart = this.charts.get(key);
+  open(key) {
+    const remove = element("button", { ariaLabel: `remove the plot of ${key}` }, "Remove"), body = element("div");
+    const card = element("section", { className: "card" }, element("div", { className: "title" }, element("h2", {}, key), remove), body);
+    const chart = { key, card, body, indices: [], width: 0, seen: false };
+    remove.addEventListener("click", () => { for (const index of [...chart.indices]) this.toggle(index, false); });
+    body.addEventListener("dblclick", () => { this.zoomed = false; });
+    body.dataset.key = key;
+    this.charts.set(key, chart);
+    this.place.append(card);
+    this.sizes.observe(body);
+    this.sights.observe(body);
+    return chart;
+  }
+
+  close(chart) {
     chart.plot?.destroy();
-    if (!chart.indices.length) {
-      chart.card.remove();
-      this.charts.delete(key);
-      return;
-    }
-    if (!chart.card) {
-      const remove = element("button", { ariaLabel: `remove the plot of ${key}` }, "Remove");
-      remove.addEventListener("click", () => { for (const index of [...chart.indices]) this.toggle(index, false); });
-      chart.body = element("div");
-      chart.card = element("section", { className: "card" },
-        element("div", { className: "title" }, element("h2", {}, key), remove), chart.body);
-      this.place.append(chart.card);
-    }
+    this.sizes.unobserve(chart.body);
+    this.sights.unobserve(chart.body);
+    chart.card.remove();
+    this.charts.delete(chart.key);
+  }
+
+  make(chart) {
+    chart.plot?.destroy();
+    chart.stale = false;
     const dark = matchMedia("(prefers-color-scheme: dark)").matches, colours = dark ? DARK : LIGHT;
     const axis = { stroke: dark ? "#a3afbd" : "#525c69", grid: { stroke: dark ? "#2c3541" : "#e4e8ed", width: 1 }, ticks: { show: false } };
     const unit = this.hello.signals[chart.indices[0]].shown;
     chart.plot = new uPlot({
-      width: Math.max(200, chart.body.clientWidth), height: HEIGHT, ms: 1e-3,
+      width: chart.width, height: HEIGHT, ms: 1e-3,
       scales: { x: { time: false } },
       cursor: { sync: { key: "tickwork" }, drag: { x: true, y: false } },
       hooks: { setSelect: [() => { this.zoomed = true; }], draw: [(plot) => this.drawMarks(plot, axis.stroke)] },
@@ -149,7 +167,6 @@ export class Plots {
           value: shown,
         }))],
     }, this.data(chart), chart.body);
-    chart.body.addEventListener("dblclick", () => { this.zoomed = false; });
   }
 
   // Vertical lines at the marks.
@@ -172,7 +189,7 @@ export class Plots {
   }
 
   data(chart) {
-    const first = this.start(), from = (column) => column.subarray(first, this.count);
+    const first = this.start(), from = (column) => column.slice(first, this.count);   // which a paused plot keeps
     return [from(this.times), ...chart.indices.map((index) => from(this.columns[index])),
       ...this.averaged(chart).map((index) => this.overlay(index, first))];
   }
@@ -220,9 +237,16 @@ export class Plots {
     return first;
   }
 
-  draw() {
-    if (this.paused || this.zoomed || !this.count) return;
-    for (const chart of this.charts.values()) chart.plot.setData(this.data(chart));
+  // What is to be drawn, as functions, one for each plot.
+  parts() {
+    return [...this.charts.values()].filter((chart) => chart.width && (chart.seen || chart.stale)).map((chart) => () => this.draw(chart));
+  }
+
+  draw(chart) {
+    if (this.charts.get(chart.key) !== chart || !this.count) return;
+    if (chart.stale) this.make(chart);
+    else if (chart.width !== chart.plot.width) chart.plot.setSize({ width: chart.width, height: HEIGHT });
+    else if (!this.paused && !this.zoomed) chart.plot.setData(this.data(chart));
   }
 
   showValues(values) {
@@ -237,7 +261,7 @@ export class Plots {
     return this.paused;
   }
 
-  setSpan(seconds) { this.span = seconds; this.zoomed = false; this.draw(); }
+  setSpan(seconds) { this.span = seconds; this.zoomed = false; this.due(); }
 
   clear() { for (const chart of [...this.charts.values()]) for (const index of [...chart.indices]) this.toggle(index, false); }
 
@@ -246,11 +270,8 @@ export class Plots {
     for (const cell of this.cells) cell.item.hidden = !words.every((word) => cell.words.includes(word));
   }
 
-  rebuild() { for (const key of [...this.charts.keys()]) this.make(key); }
-
-  resize() {
-    for (const chart of this.charts.values())
-      if (chart.body.clientWidth) chart.plot.setSize({ width: chart.body.clientWidth, height: HEIGHT });
-    this.draw();
+  rebuild() {
+    for (const chart of this.charts.values()) chart.stale = true;
+    this.due();
   }
 }

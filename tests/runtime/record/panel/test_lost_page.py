@@ -13,7 +13,7 @@ import runtime
 from runtime.record.panel.server import LINK_FRAMES
 from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
-from tests.runtime.record.panel.panels import Proxy, Run, Watched, free_port
+from tests.runtime.record.panel.panels import Proxy, Run, Watched, free_port, running
 from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, descendant, write, writer_of
 from tests.runtime.terminals import Terminal
@@ -205,6 +205,33 @@ def test_browser_page_is_watched_in_the_background_and_each_loss_of_it_is_shown_
         tab.call("Page.close")
         assert bus.listen(1.0, lambda frame: frame.data == NOTHING).time - seen[-1][0] < 0.2
         terminal.wait_for("page 1 was closed or reloaded")
+
+
+# Drawing that takes 30 ms for each plot, as on a weak computer.
+SLOW_PLOTS = """
+uPlot = new Proxy(uPlot, { construct(Kind, given) {
+  const made = new Kind(...given), draw = made.setData;
+  made.setData = (...data) => { const from = performance.now(); while (performance.now() < from + 30); draw(...data); };
+  return made;
+} });
+document.getElementById("tab-plots").click();
+for (const box of document.querySelectorAll("#list input:not(:checked)")) box.click();
+"""
+
+
+@needs_browser
+@pytest.mark.hazard("H9h")
+def test_plots_that_are_slow_to_draw_do_not_end_a_run_that_watches_the_page(tmp_path):
+    with running(tmp_path, "--panel-lost", "stop") as run, browser(tmp_path) as new_tab:
+        tab = new_tab(run.address)
+        tab.look(1200, height=2000)  # all plots are in sight
+        BrowserPage(tab)
+        tab.evaluate(SLOW_PLOTS)
+        tab.wait_for("document.querySelectorAll('#charts canvas').length >= 8")
+        began = tab.evaluate("sent.length")
+        assert run.process.poll() is None
+        tab.wait_for(f"sent.length > {began + 90}")
+        assert tab.evaluate("document.getElementById('fault').hidden") and tab.problems == []
 
 
 @pytest.mark.hazard("H4h")

@@ -46,9 +46,9 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
     _, tab = opened
     assert tab.text("#name") == "robot" and tab.text("#kind") == "simulation"
     assert len(tab.evaluate("[...document.querySelectorAll('.actuator h2')].map((it) => it.innerText)")) == 2
-    first = tab.text(".actuator .torque b")
-    tab.wait_for(f"document.querySelector('.actuator .torque b').innerText !== {first!r}")
-    assert first.endswith("N·m")
+    torque = "document.querySelector('.actuator .torque b').innerText"
+    first = tab.wait_for(f"{torque}.endsWith('N·m') && {torque}")
+    tab.wait_for(f"{torque} !== {first!r}")
     health = "document.getElementById('health').innerText"
     tab.wait_for(f"/legs\\n[1-9]\\d* sent, [1-9]\\d* received, [1-9]\\d* %/i.test({health})")
     tab.wait_for(f"/oldest reply in 10 s\\n\\S+ [mµ]s, knee/i.test({health})")
