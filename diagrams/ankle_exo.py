@@ -38,18 +38,18 @@ def build(model="AK80-9", right_model="", mass=70.0, assistance=1.0, peak_time=0
     limit = min(LIMITS[name] for name in models.values())
     with Diagram("ankle_exo", rate=200) as diagram:
         imu("pelvis", "133960")
-        thighs, bounds, loads = {}, {}, {}
+        thighs, shanks, bounds, loads = {}, {}, {}, {}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
-                thighs[side], shank = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
-                torque = leg_torque("ankle", flexion("knee", thighs[side], shank), thighs[side], mass)
+                thighs[side], shanks[side] = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
+                torque = leg_torque("ankle", flexion("knee", thighs[side], shanks[side]), thighs[side], mass)
                 bounds[side] = BiologicalTorque(share, delay=0.0, name="bound")(torque)
                 loads[side] = Saturation(0.0, 1.0, name="load")(insole(side).load / FULL_LOAD)
                 cell = NAU7802(
                     bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, timeout=0.1, name="ankle_cell"
                 )
                 Gain(CUFF_LEVER, unit="m", name="measured_torque")(cell.force)
-        gaits = learned_gait(thighs)
+        gaits = learned_gait(thighs, shanks)
         walking = walk(gaits)
         peak = Live(-assistance * limit, min=-limit, max=0.0)
         push_off = PeakProfile(peak, Live(peak_time, min=0.4, max=0.6), rise=0.1, fall=0.09, name="push_off")

@@ -58,10 +58,13 @@ def hip(side, can_id, torque, walking, invert):
         drive(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(gated))
 
 
-def plant(robot, speed="1.2"):
-    """Return the wearer, an average adult, with the sensors of the thighs. speed : m/s, or as in "0:0 2:1.2" """
+def plant(robot, speed="1.2", recording=""):
+    """Return the wearer, an average adult, with the sensors of the thighs.
+
+    speed : m/s, or as in "0:0 2:1.2"; recording : path of a recorded motion, as in Walker, instead
+    """
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
-        adult = Walker(speed)
+        adult = Walker(speed, recording=recording)
         drives = {side: robot[f"{side}/hip"].emulator() for side in ("left", "right")}
         motion = adult(left_hip_assistance=drives["left"].torque, right_hip_assistance=drives["right"].torque)
         for side, drive in drives.items():

@@ -21,8 +21,8 @@ def build(mass=70.0, scale=0.15, delay=0.15):
         thighs, gaits = {}, {}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
-                thighs[side], _ = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
-                gaits[side] = gait(thighs[side].angle, thighs[side].velocity, insole(side).strike)
+                thighs[side], shank = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
+                gaits[side] = gait(thighs[side].angle, thighs[side].velocity, insole(side).strike, shank)
         walking = walk(gaits)
         torques = hip_assistance(thighs, mass, scale, delay)
         for can_id, (side, leg) in enumerate(gaits.items(), 1):

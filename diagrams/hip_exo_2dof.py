@@ -27,12 +27,13 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
     with Diagram("hip_exo_2dof", rate=200) as diagram:
         imu("trunk", "133910")
         imu("pelvis", "133911")
-        thighs, stances = {}, {}
+        thighs, shanks, stances = {}, {}, {}
         for number, side in enumerate(SIDES):
             with subsystem(side):
-                thighs[side], *_ = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
+                segments = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
+                thighs[side], shanks[side], _ = segments
                 stances[side] = stance(number)
-        gaits = learned_gait(thighs)
+        gaits = learned_gait(thighs, shanks)
         walking = walk(gaits)
         torques = hip_assistance(thighs, mass, scale, delay)
         for number, (side, leg) in enumerate(gaits.items()):

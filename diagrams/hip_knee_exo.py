@@ -21,12 +21,12 @@ def build(assistance=1.0):
     """Return the robot. assistance : scale of all torque profiles, from 0 to 1"""
     with Diagram("hip_knee_exo", rate=200) as diagram:
         imu("pelvis", "133980")
-        thighs, contacts = {}, []
+        thighs, shanks, contacts = {}, {}, []
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
-                thighs[side], _ = imu("thigh", f"13398{number}"), imu("shank", f"13399{number}")
+                thighs[side], shanks[side] = imu("thigh", f"13398{number}"), imu("shank", f"13399{number}")
                 contacts.append(insole(side).contact)
-        gaits = learned_gait(thighs)
+        gaits = learned_gait(thighs, shanks)
         walking = And()(walk(gaits), Or()(*contacts))
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):

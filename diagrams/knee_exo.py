@@ -25,7 +25,7 @@ def build(assistance=1.0):
     """Return the robot. assistance : scale of the torque profile, from 0 to 1"""
     with Diagram("knee_exo", rate=200) as diagram:
         left, right = knee("left", 1, invert=False), knee("right", 2, invert=True)
-        state = GaitState(name="state")(
+        state = GaitState(motion="knee", name="state")(
             **{f"left_{name}": signal for name, signal in left[1].items()},
             **{f"right_{name}": signal for name, signal in right[1].items()},
         )

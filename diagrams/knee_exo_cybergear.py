@@ -48,4 +48,5 @@ def walks(leg, shank_velocity):
         right_phase=leg.phase + 0.5,
         right_walking=leg.walking,
         right_velocity=shank_velocity,
+        left_shank_velocity=shank_velocity,
     ).walking

@@ -47,4 +47,4 @@ def leg(side, number, mass):
         thigh, shank, foot = (imu(segment, f"1339{number}{place}") for place, segment in enumerate(SEGMENTS))
         flexion("ankle", foot, shank)
         knee = flexion("knee", thigh, shank)
-        return gait(*thigh, insole(side).strike), leg_torque("knee", knee, thigh, mass)
+        return gait(*thigh, insole(side).strike, shank), leg_torque("knee", knee, thigh, mass)

@@ -13,7 +13,7 @@ from blocks.filters import Butterworth
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import PROFILES, SIDES, assist, drive, gait, walk
+from parts import PROFILES, SIDES, Motion, assist, drive, flexion, gait, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -37,5 +37,10 @@ def leg(side, first):
     """Return the actuators of one leg by joint, and its Gait. first : CAN id of the hip"""
     with subsystem(side):
         drives = {joint: drive(side, joint, can_id) for can_id, joint in enumerate(PROFILES, first)}
-        velocity = Butterworth(order=2, cutoff=20.0)(drives["hip"].velocity)
-        return drives, gait(drives["hip"].position, velocity)
+        hip, knee = (motion(drives[joint], joint) for joint in PROFILES)
+        return drives, gait(*hip, shank=flexion("shank", hip, knee))
+
+
+def motion(drive, joint):
+    """Return the Motion of a joint from its encoder."""
+    return Motion(drive.position, Butterworth(order=2, cutoff=20.0, name=f"{joint}_velocity")(drive.velocity))

@@ -46,6 +46,7 @@ class Gait(NamedTuple):
     phase: Signal
     walking: Signal
     velocity: Signal
+    shank_velocity: Signal | None = None
 
 
 def imu(segment, serial):
@@ -77,12 +78,15 @@ def insole(side):
     return ContactEvents(name="events")(Insole(side=side, address=address, name="insole").force)
 
 
-def gait(angle, velocity, strike=None):
-    """Return the Gait of a leg. angle, velocity : motion of thigh or hip; strike : by default from the angle"""
+def gait(angle, velocity, strike=None, shank=None):
+    """Return the Gait of a leg.
+
+    angle, velocity : motion of thigh or hip; strike : by default from the angle; shank : its Motion, if it is measured
+    """
     if strike is None:
         strike = ThighEvents(name="events")(angle).strike
     estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
-    return Gait(estimate.phase, estimate.walking, velocity)
+    return Gait(estimate.phase, estimate.walking, velocity, shank and shank.velocity)
 
 
 def network(name):
@@ -112,15 +116,18 @@ def estimate(name, thighs):
     return outputs
 
 
-def learned_gait(thighs):
-    """Return {side: Gait} from the network gait_phase, whose outputs are 0 in standing. thighs : {side: Motion}"""
+def learned_gait(thighs, shanks=None):
+    """Return {side: Gait} from the network gait_phase, whose outputs are 0 in standing.
+
+    thighs, shanks : {side: Motion}; the shanks if they are measured
+    """
     gaits = {}
     for side, circle in estimate("gait_phase", thighs).items():
         with subsystem(side):
             turn = Atan2(name="turn")(-circle.phase_sin, -circle.phase_cos)  # -π at heel strike
             phase = Sum("++", name="gait_phase")(Gain(0.5 / pi, unit="1/rad", name="share")(turn), 0.5)
             walking = Compare(">", name="walking")(Norm()(stack(circle.phase_sin, circle.phase_cos)), 0.5)
-            gaits[side] = Gait(phase, walking, thighs[side].velocity)
+            gaits[side] = Gait(phase, walking, thighs[side].velocity, shanks and shanks[side].velocity)
     return gaits
 
 
@@ -138,9 +145,9 @@ def hip_assistance(thighs, mass, scale, delay):
 
 
 def walk(gaits):
-    """Return whether both legs walk, half a stride apart. gaits : {side: Gait}"""
-    signals = {f"{side}_{name}": signal for side, leg in gaits.items() for name, signal in leg._asdict().items()}
-    return GaitState(name="state")(**signals).walking
+    """Return whether both legs walk forward, half a stride apart. gaits : {side: Gait}"""
+    named = ((f"{side}_{name}", signal) for side, leg in gaits.items() for name, signal in leg._asdict().items())
+    return GaitState(name="state")(**{name: signal for name, signal in named if signal is not None}).walking
 
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):

@@ -30,4 +30,4 @@ def leg(side, serial, mass):
         thigh, shank, foot = (imu(segment, str(number)) for number, segment in enumerate(SEGMENTS, serial))
         leg_torque("knee", flexion("knee", thigh, shank), thigh, mass)
         flexion("ankle", foot, shank)
-        return gait(*thigh, insole(side).strike)
+        return gait(*thigh, insole(side).strike, shank)

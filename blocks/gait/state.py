@@ -21,29 +21,47 @@ class GaitState(Block):
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
     stands. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
 
-    Limits: standing is not detected if the thighs sway faster than the limit; stepping in place counts as walking.
-    Direct feedthrough; NaN and infinity give a NaN confidence.
+    Walking is forward: a leg swings forward faster than it turns back over the ground. Each of these numbers, from
+    means over 0.9 strides, is positive in walking forward and negative in walking backward:
+
+        with shanks  Σ mean(ω³) / Σ mean(ω²)^1.5 of their rates ω; walking begins above 0.45 and ends below 0.3
+        without      correlation of the sum of both velocities with the square of their difference; 0.1 and 0
+
+    `direction` is the one that is used, scaled to 0 where walking ends and 1 where it may begin. For a robot with one
+    leg, connect the rate of its shank. With `motion` "knee" and without shanks, the direction is not determined.
+
+    Limits: standing is not detected if the thighs sway faster than the limit; without shanks, stepping in place can
+    count as walking. Direct feedthrough; NaN and infinity give a NaN confidence; a missing rate of a shank is skipped.
     """
 
     still_velocity = Param(0.25, "rad/s", "largest velocity of a standing leg", above=0.0)
     still_time = Param(0.15, "s", "time of low velocity after which the state is standing", above=0.0)
     tolerance = Param(0.15, "1", "largest deviation of the phases from half a stride", above=0.0, max=0.5)
+    motion = Param("thigh", "1", "what the velocities belong to; a hip counts as a thigh", choices=("thigh", "knee"))
 
     left_phase = Input("1", "gait phase of the left leg")
     right_phase = Input("1", "gait phase of the right leg")
     left_walking = Input("1", "true while the left phase is known", dtype=bool)
     right_walking = Input("1", "true while the right phase is known", dtype=bool)
-    left_velocity = Input("rad/s", "velocity of the left thigh or knee")
-    right_velocity = Input("rad/s", "velocity of the right thigh or knee")
+    left_velocity = Input("rad/s", "velocity of the left thigh, hip or knee, positive in flexion")
+    right_velocity = Input("rad/s", "velocity of the right thigh, hip or knee, positive in flexion")
+    left_shank_velocity = Input("rad/s", "rate of the left shank, positive when it swings forward", default=0.0)
+    right_shank_velocity = Input("rad/s", "rate of the right shank, positive when it swings forward", default=0.0)
     state = Output("1", "2 walking, 1 standing, 0 unknown", dtype=int, range=(0.0, 2.0))
     walking = Output("1", "true in walking", dtype=bool, range=(0.0, 1.0))
     standing = Output("1", "true in standing", dtype=bool, range=(0.0, 1.0))
     confidence = Output("1", "confidence of the state", range=(0.0, 1.0))
+    direction = Output("1", "evidence of walking forward, which begins above 1 and ends below 0; 0 without")
+    knees = Memory(0.0, "1 if the velocities are those of knees")
+    evidence = Memory((0.0,) * 13, "moments of the velocities, stride of the left leg, and the decision")
     track = Memory(
         (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
     )
 
     kernel = kernels.gait_state
+
+    def configure(self) -> None:
+        self.knees = float(self.motion == "knee")
 
 
 class StrideEnvelope(Block):

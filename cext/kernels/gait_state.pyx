@@ -14,14 +14,82 @@ cdef double STILL_SHARE = 0.15          # of the largest velocity in walking: a 
 cdef double STILL_FLOOR = 0.25          # of still_velocity, below which the limit does not fall
 cdef double STEP_TIME = 1.5             # s without a leg faster than still_velocity: the wearer stands
 cdef double PAUSE_TIME = 1.5            # s below the limit after which a leg does not walk, whatever its phase
+cdef double DIRECTION_SHARE = 0.9       # of a stride, time constant of the evidence of the direction
+cdef double FIRST_STRIDE = 1.1          # s, until a stride was measured
+cdef double SHORTEST_STRIDE = 0.5       # s, between two beginnings of the left phase
+cdef double LONGEST_STRIDE = 3.0
+cdef double SHANK_LOW = 0.3             # evidence below which the wearer no longer walks forward,
+cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
+cdef double THIGH_LOW = 0.0
+cdef double THIGH_HIGH = 0.1
+
+
+cdef struct Direction:
+    int32_t left_shank_velocity, right_shank_velocity, direction
+    int32_t knees               # 1 if the velocities are those of knees
+    int32_t evidence            # see below
+
+cdef enum:
+    SQUARES = 0                 # mean square of the rates of the shanks, left, then right
+    CUBES = 2                   # their mean cubes
+    COMMON = 4                  # mean of x, the mean of both velocities,
+    APART_SQUARED = 5           # and of y, the square of half their difference
+    XX = 6                      # means of their products
+    YY = 7
+    XY = 8
+    AGE = 9                     # s since the left phase began
+    PERIOD = 10                 # s between its last two beginnings
+    LAST = 11                   # left phase one tick before
+    FORWARD = 12                # 1 in walking forward
+
+
+cdef inline bint forward(double *arena, const Direction *at, double phase, double left, double right) noexcept nogil:
+    """Return whether the legs move as in walking forward. phase : of the left leg; left, right : velocities"""
+    cdef double *m = arena + at.evidence
+    cdef double share, rate, x, y, variances
+    cdef double evidence = INFINITY
+    cdef int side
+    # 1. The means have a time constant in proportion to the stride.
+    m[AGE] += arena[DT]
+    if m[LAST] - phase > 0.5:
+        if m[AGE] > SHORTEST_STRIDE:
+            m[PERIOD] = min(LONGEST_STRIDE, m[AGE])
+        m[AGE] = 0.0
+    m[LAST] = phase
+    share = min(1.0, arena[DT] / (DIRECTION_SHARE * (m[PERIOD] if m[PERIOD] > 0.0 else FIRST_STRIDE)))
+    # 2. A shank swings forward faster than it turns back in stance: its rate is skewed.
+    for side in range(2):
+        rate = arena[at.right_shank_velocity if side else at.left_shank_velocity]
+        if is_finite(rate):
+            m[SQUARES + side] += share * (rate * rate - m[SQUARES + side])
+            m[CUBES + side] += share * (rate * rate * rate - m[CUBES + side])
+    rate = m[SQUARES] * sqrt(m[SQUARES]) + m[SQUARES + 1] * sqrt(m[SQUARES + 1])
+    # 3. So does a thigh: while the velocities differ most, the faster one is forward, and so is their mean.
+    x = 0.5 * (left + right)
+    y = 0.25 * (left - right) * (left - right)
+    m[COMMON] += share * (x - m[COMMON])
+    m[APART_SQUARED] += share * (y - m[APART_SQUARED])
+    m[XX] += share * (x * x - m[XX])
+    m[YY] += share * (y * y - m[YY])
+    m[XY] += share * (x * y - m[XY])
+    variances = (m[XX] - m[COMMON] * m[COMMON]) * (m[YY] - m[APART_SQUARED] * m[APART_SQUARED])
+    if rate > 0.0:
+        evidence = ((m[CUBES] + m[CUBES + 1]) / rate - SHANK_LOW) / (SHANK_HIGH - SHANK_LOW)
+    elif variances > 0.0 and arena[at.knees] == 0.0:
+        x = (m[XY] - m[COMMON] * m[APART_SQUARED]) / sqrt(variances)
+        evidence = (x - THIGH_LOW) / (THIGH_HIGH - THIGH_LOW)
+    m[FORWARD] = evidence >= 1.0 or (m[FORWARD] != 0.0 and evidence >= 0.0)
+    arena[at.direction] = evidence if is_finite(evidence) else 0.0
+    return m[FORWARD] != 0.0
 
 
 cdef struct State:
     int32_t left_phase, right_phase, left_walking, right_walking, left_velocity, right_velocity
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
+    Direction direction
     int32_t track               # see below
 
-STATE = items((<State *>ITEMS)[0], "track[6]")
+STATE = items((<State *>ITEMS)[0], "evidence[13] track[6]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -39,9 +107,10 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     cdef double right = arena[at.right_velocity]
     cdef double *track = arena + at.track
     cdef double apart, share, fastest, still
+    cdef bint ahead
     if not is_finite(phases + flags + left + right):
         arena[at.state] = arena[at.walking] = arena[at.standing] = 0.0
-        arena[at.confidence] = NAN
+        arena[at.confidence] = arena[at.direction.direction] = NAN
         return OK
     # 1. Standing: neither leg has moved for a while, by the measure of a wearer who walks slowly.
     fastest = max(fabs(left), fabs(right))
@@ -54,7 +123,8 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     track[STILL] = track[STILL] + arena[DT] if fastest < still else 0.0
     track[LEFT_STILL] = track[LEFT_STILL] + arena[DT] if fabs(left) < still else 0.0
     track[RIGHT_STILL] = track[RIGHT_STILL] + arena[DT] if fabs(right) < still else 0.0
-    # 2. Walking: both legs walk, half a stride apart. Under a wearer who swings one leg, the other stands.
+    # 2. Walking: both legs walk forward, half a stride apart. Under a wearer who swings one leg, the other stands.
+    ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
         flags = 0.0
     apart = phases - 0.5
@@ -64,10 +134,10 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
         apart = 0.5
     track[APART] += share * (apart - track[APART])
     arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
-    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and track[APART] < arena[at.tolerance]
+    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and track[APART] < arena[at.tolerance]
     arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]
     arena[at.confidence] = 1.0 if arena[at.standing] != 0.0 else max(0.0, 1.0 - track[APART] / arena[at.tolerance]) \
-        if flags == 2.0 else 0.0
+        if flags == 2.0 and ahead else 0.0
     return OK
 
 

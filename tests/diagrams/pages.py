@@ -7,6 +7,7 @@ import ast
 import io
 import re
 import sys
+import tempfile
 from collections import Counter
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from runtime.record.analysis.legs import legs
 from runtime.robot.loading.draw import draw_file
 from runtime.robot.loading.file import load
 from tests.checkout import ROOT
+from tests.diagrams import motions
 from tests.diagrams.robots import ROBOTS, SUITS, path
 
 FOLDER = ROOT / "docs" / "robots"
@@ -62,6 +64,16 @@ def work(robot):
     )
 
 
+def behaviour(robot):
+    """Return the table of what a robot does in motions other than walking forward."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = motions.measure(robot, *motions.write(Path(folder)))
+    return (
+        "A [recording](../reference/gait.md#direction) of several motions as the wearer: time with a torque above\n"
+        "0.25 N·m, and work:\n\n" + motions.table(rows)
+    )
+
+
 def strides(robot, settings):
     """Return the measured strides of the joints of the left leg, or of the only leg."""
     joints = legs(run(robot, settings), last=STRIDES)
@@ -88,7 +100,7 @@ def write(robot):
             condition_picture.draw_signals(conditions([trial], last=STRIDES), signals, picture, "svg")
         else:
             stride_picture.draw(robot, strides(robot, {}), picture, "svg")
-            page += "\n" + work(robot)
+            page += "\n" + work(robot) + "\n" + behaviour(robot)
     rounded = re.sub(r"(\d\.\d)\d+", r"\1", picture.getvalue().decode())  # a third of the size, and few changes
     (FOLDER / "images" / f"{robot}_stride.svg").write_text(rounded)
     (FOLDER / f"{robot}.md").write_text(page)

@@ -18,7 +18,7 @@ from graph import Actuator, Device, Diagram, compile
 from runtime.host.errors import OK
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
-from tests.diagrams import pages
+from tests.diagrams import motions, pages
 from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
@@ -81,6 +81,32 @@ def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
         if device.partition("/")[2] in CLAIMS[robot]:
             assert power.mean() > 0.5 and power.clip(max=0.0).sum() > -0.1 * power.clip(min=0.0).sum(), device  # W
         assert np.abs(squats[drive]).max() < 0.05, device  # N·m
+
+
+@pytest.fixture(scope="module")
+def other_motions(tmp_path_factory):
+    return motions.write(tmp_path_factory.mktemp("motions"))
+
+
+# One robot for each way to know the direction: thighs with a filter or a network, shanks with a network, hips and
+# knees, the shank of one leg, and knees, whose strikes end.
+DIRECTIONS = ("hip_exo_bilateral", "hip_exo_metamobility", "hip_knee_exo", "m_blue", "knee_exo_cybergear", "knee_exo")
+
+
+@pytest.mark.hazard("H12e")
+@pytest.mark.parametrize(
+    "robot",
+    [
+        *DIRECTIONS,
+        *(pytest.param(name, marks=pytest.mark.soak) for name in ("hip_exo", *CLAIMS) if name not in DIRECTIONS),
+    ],
+)
+def test_only_walking_forward_is_assisted(robot, other_motions):
+    for motion, (time, _, given, taken) in motions.measure(robot, *other_motions).items():
+        if motion in ("stumbling", "walking forward, 0.8 m/s"):
+            assert time > 0.5 and given > 10.0 * taken, motion
+        else:
+            assert time < 0.3 and taken < 0.3, motion  # s, J
 
 
 @pytest.mark.parametrize("robot", CLAIMS)

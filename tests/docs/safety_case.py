@@ -183,6 +183,7 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "Squats are not taken for walking.",
             "c": "A missing sample becomes NaN, and is not stored in an estimate.",
             "d": "A sensor that is unplugged ends the run.",
+            "e": "Walking backward, stepping in place, turning on the spot, hopping and sitting down are not assisted.",
         },
     ),
     "H13": (

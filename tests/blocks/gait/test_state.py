@@ -1,6 +1,7 @@
 """Walking and standing, strides outside their envelope, and the torque that fades with them."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from blocks.wearer import Walker
 from graph import Diagram
 from runtime.session.simulate import simulate
 from runtime.setup.bench.gait import play
-from runtime.setup.bench.gait_recordings import built_in
+from runtime.setup.bench.gait_recordings import built_in, legs
 from tests.blocks.gait.walks import RATE
 from tests.blocks.running import both_ways, inside, player
 from tests.shared import shared
@@ -26,7 +27,7 @@ def gait_of(knees, ticks):
             signals |= {f"{side}_phase": phase.phase, f"{side}_walking": phase.walking, f"{side}_velocity": velocity}
             envelope = StrideEnvelope(name=f"{side}_envelope")
             envelope(phase=phase.phase, u=angle, walking=phase.walking)
-        state = GaitState(name="state")(**signals)
+        state = GaitState(motion="knee", name="state")(**signals)
         torque = player(np.full(2, 10.0), "N·m")
         TorqueGate(name="gate")(u=torque, enable=state.walking)
     return simulate(diagram, ticks / RATE)
@@ -97,7 +98,7 @@ def test_a_leg_that_swings_beside_one_that_stands_does_not_walk():
     swings = 2.5 * np.sin(2.0 * np.pi * time)
     other = np.where(time < 6.0, -swings, np.where(time < 12.0, 0.05, -swings))
     state = inside(
-        GaitState,
+        lambda: GaitState(motion="knee"),
         left_phase=time % 1.0,
         right_phase=(time + 0.5) % 1.0,
         left_walking=np.ones(len(time)),
@@ -232,3 +233,42 @@ def test_both_legs_in_phase_are_unknown():
     assert not inside(GaitState, right_phase=phase, **signals)["walking"][200:].any()
     outputs = inside(GaitState, right_phase=(phase + 0.5) % 1.0, **signals)
     assert (outputs["state"][400:] == 2.0).all() and outputs["confidence"][400:].min() > 0.99
+
+
+def directed(walk, sign=1.0, shanks=()):
+    """Run a GaitState with both thighs, and the shanks of some sides, while the phases say that the legs walk.
+
+    walk : {side: Walk}; sign : 1 or -1, the order of time
+    """
+    count = len(walk["left"].time)
+    phase = np.arange(count) / RATE / 1.1 % 1.0
+    signals = {"left_phase": phase, "right_phase": (phase + 0.5) % 1.0}
+    signals |= {f"{side}_walking": np.ones(count, dtype=bool) for side in walk}
+    order = slice(None, None, int(sign))
+    signals |= {f"{side}_velocity": sign * leg.signals["thigh_velocity"][order] for side, leg in walk.items()}
+    for side in shanks:
+        signals[f"{side}_shank_velocity"] = sign * walk[side].signals["shank_velocity"][order]
+    return inside(GaitState, **signals)
+
+
+def walk_of(recording):
+    """Return {side: Walk} of both legs of a recording, or of the built-in walk with its left leg as the right one."""
+    if recording:
+        return {leg.name: play(leg, "steady", RATE) for leg in legs(shared(recording), {})}
+    leg = built_in()[0]
+    half = round(0.5 * np.median(np.diff(play(leg, "steady", RATE).strikes)) * RATE)
+    later = {name: np.roll(angle, half) for name, angle in leg.angles.items()}
+    return {"left": play(leg, "steady", RATE), "right": play(replace(leg, angles=later), "steady", RATE)}
+
+
+@pytest.mark.hazard("H12e")
+@pytest.mark.parametrize("shanks", [(), ("left", "right"), ("left",)])
+@pytest.mark.parametrize("recording", ["", "gait/healthy_young.csv"])
+def test_the_same_motion_backward_is_not_walking(recording, shanks):
+    """By thighs, both shanks, or the shank of one leg."""
+    walk = walk_of(recording)
+    late = slice(int(3.0 * RATE), int(-1.0 * RATE))
+    forward, backward = directed(walk, 1.0, shanks), directed(walk, -1.0, shanks)
+    assert forward["walking"][late].all() and forward["direction"][late].min() > 1.5
+    assert not backward["walking"][late].any() and backward["direction"][late].max() < -2.0
+    assert (backward["confidence"][late] == 0.0).all()
