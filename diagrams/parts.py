@@ -23,6 +23,7 @@ from graph import Signal, stack, subsystem
 
 SIDES = ("left", "right")
 SEGMENTS = ("thigh", "shank", "foot")
+POSITIVE = {"hip": "flexion", "abduction": "hip abduction", "knee": "flexion", "ankle": "dorsiflexion"}
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
 
@@ -160,6 +161,6 @@ def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
     name = drive.path.rpartition("/")[2]
     gated = TorqueGate(name=f"{name}_gate")(u=torque, enable=walking)
     drive(torque_command=TorqueLimiter(limit=limit, slew=slew, name=f"{name}_limiter")(gated))
-    StrideReport(title=drive.path.replace("/", " "), positive="flexion", name=f"{name}_report")(
+    StrideReport(title=drive.path.replace("/", " "), positive=POSITIVE[name], name=f"{name}_report")(
         phase=leg.phase, walking=walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque
     )

@@ -14,7 +14,7 @@ from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.optional_dependencies import need
-from runtime.record.analysis import condition_table, difference_picture
+from runtime.record.analysis import condition_table, difference_picture, pictures
 from runtime.record.analysis.compare import compare
 from runtime.record.storage.parts import newest
 
@@ -82,10 +82,5 @@ def compare_strides(here: Trial, there: Trial, options: Namespace) -> int:
         )
     first, second = compared
     print_lines(condition_table.table(first, second, condition_table.compare(first, second)))
-    need("matplotlib.figure", "a picture")
-    from runtime.record.analysis import condition_picture
-
-    print_lines(
-        ["", drawing.write(lambda file, kind: condition_picture.draw(compared, file, kind), options.output, "diff")]
-    )
+    print_lines(["", drawing.write(pictures.over_strides(compared)["strides"], options.output, "diff")])
     return OK

@@ -9,24 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.host.errors import BadInput
 from runtime.host.replaced_file import replacement
+from runtime.record.analysis.pictures import check_ending
 from runtime.record.storage.files import create, private
 
 if TYPE_CHECKING:
     from functools import partial
 
-ENDINGS = (".png", ".svg")
-
 
 def check(output: Path | None) -> None:
-    """Raise BadInput if an output does not end in .png or .svg. output : Path from -o, or None"""
-    if output is not None and output.suffix not in ENDINGS:
-        raise BadInput(f"-o {output}: the name of a picture must end in {' or '.join(ENDINGS)}")
+    """Raise BadInput if an output does not end as a picture. output : Path from -o, or None"""
+    if output is not None:
+        check_ending(output, f"-o {output}")
 
 
 def write(draw: Callable[..., Any] | partial, output: Path | None, stem: str, suffix: str = ".png") -> str:
     """Write a picture. Returns its path.
 
-    draw : function of a binary file and "png" or "svg"
+    draw : function of a binary file and "png", "svg" or "pdf"
     output : Path from -o, an existing file is replaced; None for a new file: `stem` and `suffix`, with a number in
         between if that exists
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from runtime.record.storage.parts import newest
 if TYPE_CHECKING:
     from argparse import Namespace
 
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "in": 25.4}
+WIDTHS = (40.0, 500.0)  # mm
 EPILOG = """\
 examples:
   plot recordings                the newest recording of a folder
@@ -26,6 +29,8 @@ examples:
   plot trial.mcap left/knee.position left/knee.torque
   plot trial.mcap --strides      angle, torque and power over the gait cycle
   plot trial.mcap --strides left/knee.torque -o torque.svg
+  plot trial.mcap --strides --width 85mm -o figure.pdf
+                                 for a column of a paper
   plot without.mcap assisted.mcap --strides
                                  conditions in one picture
   plot trial.mcap --strides --between start "mark 1" --between "mark 1" end
@@ -49,10 +54,21 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
     selection.add(parser)
-    parser.add_argument("--svg", action="store_true", help="write SVG, for papers, instead of PNG")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="output file (default: beside the recording)")
+    parser.add_argument(
+        "--width",
+        type=length,
+        metavar="WIDTH",
+        help="with --strides: width of the picture, such as 85mm, 8.5cm or 3.35in (default: 85mm, or 180mm for more "
+        "than two columns of plots)",
+    )
+    parser.add_argument("--svg", action="store_true", help="write SVG instead of PNG")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help=".png, .svg or .pdf (default: beside the recording)"
+    )
     options = parser.parse_args(arguments, mixed=True)
     selection.check(options, options.strides)
+    if options.width and not options.strides:
+        raise BadInput("--width needs --strides")
     drawing.check(options.output)
     recordings = [options.recording]
     if options.strides:
@@ -63,7 +79,7 @@ def main(arguments: Sequence[str]) -> int:
         trials = [read(path, progress, number * share, (number + 1) * share) for number, path in enumerate(recordings)]
         try:
             if options.strides:
-                drawn = pictures.over_strides(selection.conditions_of(trials, options), options.signals)
+                drawn = pictures.over_strides(selection.conditions_of(trials, options), options.signals, options.width)
             else:
                 drawn = pictures.over_time(trials[0], only_signals(options.signals))
             for number, (name, draw) in enumerate(drawn.items()):
@@ -74,6 +90,15 @@ def main(arguments: Sequence[str]) -> int:
         except KeyError as error:
             raise BadInput(error.args[0]) from None
     return OK
+
+
+def length(text: str) -> float:
+    """Return the mm of a width, such as "85mm", "8.5 cm" or "3.35in". Raises BadInput."""
+    match = re.fullmatch(r"(\d+\.?\d*) ?(mm|cm|in)", text)
+    width = float(match[1]) * MILLIMETRES[match[2]] if match else 0.0
+    if not WIDTHS[0] <= width <= WIDTHS[1]:
+        raise BadInput(f"--width {text}: expected {WIDTHS[0]:g}mm to {WIDTHS[1]:g}mm, as in 85mm, 8.5cm or 3.35in")
+    return width
 
 
 def is_recording(word: str) -> bool:

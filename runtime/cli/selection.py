@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from runtime.record.analysis.conditions import Condition
     from runtime.record.analysis.trial import Trial
 
-OPTIONS = ("events", "between", "last", "per_kg")
+OPTIONS = ("events", "between", "last", "per_kg", "label")
 
 
 def add(parser: Parser) -> None:
@@ -42,6 +42,13 @@ def add(parser: Parser) -> None:
         metavar="KG",
         help="with --strides: divide torque, power and work by the body mass: KG, or the field mass of each recording",
     )
+    parser.add_argument(
+        "--label",
+        action="append",
+        metavar="TEXT",
+        help="with --strides: name of a condition in the picture, given once for each (default: its field condition, "
+        "or the name of its file)",
+    )
 
 
 def check(options: Namespace, strides: bool) -> None:
@@ -64,4 +71,4 @@ def check(options: Namespace, strides: bool) -> None:
 
 def conditions_of(trials: Sequence[Trial], options: Namespace) -> list[Condition]:
     """Return the Conditions of recordings. Raises BadInput."""
-    return conditions(trials, options.events, options.between or (), options.last, options.per_kg)
+    return conditions(trials, options.events, options.between or (), options.last, options.per_kg, options.label or ())

@@ -17,7 +17,7 @@ import runtime
 from blocks.networks import OnnxModel
 from blocks.sensors import FSR
 from graph import Device
-from runtime.record.analysis import condition_picture, stride_picture
+from runtime.record.analysis import stride_picture
 from runtime.record.analysis.conditions import conditions
 from runtime.record.analysis.legs import legs
 from runtime.robot.loading.draw import draw_file
@@ -29,6 +29,7 @@ from tests.diagrams.robots import ROBOTS, SUITS, path
 FOLDER = ROOT / "docs" / "robots"
 MASSES, SPEEDS = (50, 70, 90, 110), (0.8, 1.2, 1.6)  # kg, m/s
 SECONDS, STRIDES = 25.0, 8
+WIDTH = 120.0  # mm
 
 
 def head(robot):
@@ -92,15 +93,17 @@ def write(robot):
     (FOLDER / "images").mkdir(parents=True, exist_ok=True)
     draw_file(path(robot), output=str(FOLDER / "images" / f"{robot}.svg"))
     page, picture = head(robot), io.BytesIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": robot}):
+    with matplotlib.rc_context({"svg.hashsalt": robot}):
         if robot in SUITS:
             trial = run(robot, {})
             names = (f"left/{joint}_{name}.y" for joint in SUITS[robot] for name in ("angle", "torque"))
             signals = [name for name in names if name in trial.signals]
-            condition_picture.draw_signals(conditions([trial], last=STRIDES), signals, picture, "svg")
+            columns, about = stride_picture.of_signals(conditions([trial], last=STRIDES), signals), ", ".join(signals)
         else:
-            stride_picture.draw(robot, strides(robot, {}), picture, "svg")
+            joints = strides(robot, {})
+            columns, about = stride_picture.by_joint(joints), stride_picture.about_legs(robot, joints)
             page += "\n" + work(robot) + "\n" + behaviour(robot)
+        stride_picture.draw(columns, about, picture, "svg", width=WIDTH)
     rounded = re.sub(r"(\d\.\d)\d+", r"\1", picture.getvalue().decode())  # a third of the size, and few changes
     (FOLDER / "images" / f"{robot}_stride.svg").write_text(rounded)
     (FOLDER / f"{robot}.md").write_text(page)

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 
 import runtime
-from runtime.record.analysis import picture
+from runtime.record.analysis import picture, stride_picture
 from runtime.record.analysis.picture import BLUE, GREEN, INK, ORANGE
 
 NAME = "exoskeleton.svg"
@@ -18,18 +18,18 @@ def average_stride(trial, width):
     """Return an SVG of angle, torque and power of the knee, side by side. width : inches"""
     torque, velocity = trial.strides("knee.torque"), trial.strides("knee.velocity")
     rows = (
-        ("knee flexion [deg]", np.degrees(trial.strides("knee.position")), BLUE),
-        ("torque of the drive [N·m]", torque, ORANGE),
-        ("power of the drive [W]", torque * velocity, GREEN),
+        ("knee flexion (°)", np.degrees(trial.strides("knee.position")), BLUE),
+        ("torque of the drive (N·m)", torque, ORANGE),
+        ("power of the drive (W)", torque * velocity, GREEN),
     )
     figure = picture.figure(width, 2.4)
     for axis, (label, strides, colour) in zip(figure.subplots(1, len(rows)), rows):
-        picture.gait_cycle(axis)
-        picture.mean_and_sd(axis, strides.mean(axis=0), strides.std(axis=0, ddof=1), colour)
+        picture.gait_cycle(axis, size=9, step=20)
+        stride_picture.plot(axis, stride_picture.averaged("", colour, "-", strides))
         axis.set_title(label, fontsize=10, color=INK)
-        axis.set_xlabel("gait cycle [%]", fontsize=9, color=INK)
+        axis.set_xlabel("gait cycle (%)", fontsize=9, color=INK)
     file = io.BytesIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "readme"}):
+    with matplotlib.rc_context({"svg.hashsalt": "readme"}):
         picture.save(figure, file, "svg")
     return file.getvalue().decode()
 

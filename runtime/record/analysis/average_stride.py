@@ -8,12 +8,13 @@ excluded and counted.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
@@ -22,7 +23,7 @@ WRAP = 0.5  # decrease of the phase at the end of a stride
 STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
 INPUTS = ("phase", "walking", "angle", "velocity", "torque")
-PHASE, WALKING, ANGLE, VELOCITY, TORQUE = range(5)
+PHASE, WALKING, ANGLE, VELOCITY, TORQUE, CONTACT = range(6)  # ground contact where it is measured
 
 
 class Stride(NamedTuple):
@@ -32,6 +33,7 @@ class Stride(NamedTuple):
     time : duration in s
     positive_work, negative_work : J
     curves : array (CURVES, POINTS) in rad, N·m and W, at 0, 1, ... 100 % of the stride
+    toe_off : phase at which ground contact ends; NaN where it is not measured
     """
 
     begin: int
@@ -40,6 +42,7 @@ class Stride(NamedTuple):
     positive_work: float
     negative_work: float
     curves: Any
+    toe_off: float = math.nan
 
 
 class AverageStride:
@@ -59,12 +62,14 @@ class AverageStride:
         self.rows = self.standing = self.in_strides = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = Sums()
+        self.toe_offs: list[float] = []
 
     def add(self, ticks: np.ndarray, samples: np.ndarray) -> None:
         """Add rows, in the order of ticks.
 
         ticks : array (rows,)
-        samples : array (rows, 5) of the INPUTS in s, rad, rad/s and N·m; walking is 1.0 where the phase is valid
+        samples : array (rows, 5) of the INPUTS in s, rad, rad/s and N·m; walking is 1.0 where the phase is valid. A
+            sixth column is 1.0 while the foot is on the ground
         """
         if not len(ticks):
             return
@@ -138,6 +143,7 @@ class AverageStride:
         phases[0] -= 1.0
         phases[-1] += 1.0
         self.in_strides += count
+        lifts = np.flatnonzero(np.diff(rows[:, CONTACT]) < 0) + 1 if rows.shape[1] > CONTACT else []
         self.keep(
             Stride(
                 end - count,
@@ -146,6 +152,7 @@ class AverageStride:
                 trapezoid(np.maximum(power[1:], 0.0), 1.0 / self.rate),
                 trapezoid(np.minimum(power[1:], 0.0), 1.0 / self.rate),
                 resample(phases, rows[:, ANGLE], rows[:, TORQUE], power),
+                float(phases[lifts[-1]]) if len(lifts) else math.nan,
             )
         )
 
@@ -156,6 +163,7 @@ class AverageStride:
         self.positive_work += stride.positive_work
         self.negative_work += stride.negative_work
         self.sums.add(stride.curves)
+        self.toe_offs += [stride.toe_off] * (stride.toe_off == stride.toe_off)
 
     def result(self) -> dict[str, Any]:
         """Return a dict in s, N·m, J, rad and W: means over the strides, and the rows outside strides.
@@ -178,12 +186,24 @@ class AverageStride:
                 "stride_time": self.time / count,
                 "positive_work": self.positive_work / count,
                 "negative_work": self.negative_work / count,
+                "toe_off": sum(self.toe_offs) / len(self.toe_offs) if self.toe_offs else None,
                 "curves": {
                     name: {"mean": mean, "sd": sd}
                     for name, mean, sd in zip(CURVES, self.sums.mean.tolist(), self.sums.sd().tolist())
                 },
             }
         return result
+
+
+def contact_of(names: Iterable[str], angle: str) -> str | None:
+    """Return the signal of the ground contact of a leg: the only `contact` in the subsystem of its angle, or None.
+
+    names : recorded signals
+    angle : the one that measures the angle of the joint
+    """
+    folder = angle.rpartition("/")[0]
+    found = [name for name in names if name.endswith(".contact") and name.startswith(folder and f"{folder}/")]
+    return found[0] if len(found) == 1 else None
 
 
 def left_out_text(result: dict[str, Any]) -> str:

@@ -6,14 +6,15 @@ plot trial.mcap --strides --between "mark 1" "mark 2" --between "mark 3" "mark 4
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runtime.host.errors import BadInput
 from runtime.record.analysis.average_stride import CURVES, Stride
-from runtime.record.analysis.legs import STRIDE_REPORT, average_strides
+from runtime.record.analysis.legs import average_strides
 from runtime.record.analysis.strides import bounds, over
 from runtime.record.storage.files import short_names
 from runtime.record.storage.messages import split
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from runtime.record.analysis.trial_data import TrialData
-
-
-GAIT_PHASE = "blocks.controllers.gait:GaitPhase"
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,9 @@ class Condition:
         """Return the legs by title. Raises BadInput without a stride."""
         scale = 1.0 if self.mass is None else 1.0 / self.mass
         return {
-            result["title"]: Leg(self, result["title"], result["signals"], [scaled(stride, scale) for stride in each])
+            result["title"]: Leg(
+                self, result["title"], result["positive"], result["signals"], [scaled(stride, scale) for stride in each]
+            )
             for result, each in average_strides(self.trial, self.events, self.between, self.last)
         }
 
@@ -72,12 +72,14 @@ class Leg:
 
     condition : Condition
     title : name of the leg
+    positive : direction of positive angles and torques, such as "flexion"; "" if it is not stated
     signals : {"phase", "angle", "velocity", "torque", ...: path}
     strides : [Stride], divided by the body mass if the condition has one
     """
 
     condition: Condition
     title: str
+    positive: str
     signals: dict[str, str]
     strides: list[Stride]
 
@@ -86,32 +88,15 @@ class Leg:
         return np.array([stride.curves[CURVES.index(name)] for stride in self.strides])
 
     @property
-    def blocks(self) -> list[dict[str, Any]]:
-        """Blocks of the recorded diagram, as in graph.store."""
-        diagram: Any = self.condition.trial.diagram
-        return diagram["blocks"] if diagram else []
-
-    @property
     def joint(self) -> str:
         """Name of the block that measures the angle, such as "knee"."""
         return split(self.signals["angle"])[1]
 
     @property
-    def positive(self) -> str:
-        """Direction of positive angles and torques, such as "flexion"; "" if the StrideReport has none."""
-        for block in self.blocks:
-            if block["type"] == STRIDE_REPORT and split(block["path"] + ".")[0] == split(self.signals["angle"])[0]:
-                return str(block["parameters"].get("positive") or "")
-        return ""
-
-    @property
     def toe_off(self) -> float | None:
-        """Gait phase of the toe-off as fraction of the stride: the `event_phase` of the GaitPhase; None without one."""
-        path = self.signals["phase"].rpartition(".")[0]
-        for block in self.blocks:
-            if block["path"] == path and block["type"] == GAIT_PHASE:
-                return float(block["parameters"]["event_phase"])
-        return None
+        """Mean phase at which ground contact ends, as fraction of the stride; None where it is not measured."""
+        phases = [stride.toe_off for stride in self.strides if stride.toe_off == stride.toe_off]
+        return sum(phases) / len(phases) if phases else None
 
 
 def scaled(stride: Stride, scale: float) -> Stride:
@@ -130,6 +115,7 @@ def conditions(
     sections: Sequence[tuple[str, str]] = (),
     last: int | None = None,
     per_kg: float | str | None = None,
+    names: Sequence[str] = (),
 ) -> list[Condition]:
     """Return the Conditions of recordings: one for each section of each trial.
 
@@ -138,6 +124,7 @@ def conditions(
     sections : [(begin, end)], as `between` of Trial.strides; none for whole trials
     last : number of strides, the last of each leg; None for all
     per_kg : None; body mass in kg; or "mass" for the field of this name of each recording
+    names : labels of the conditions; by default from the fields of the trials or the names of their files
 
     Raises BadInput.
     """
@@ -148,7 +135,9 @@ def conditions(
             words = [] if section is None else [" to ".join(map(time_text, section))]
             label = ", ".join([name] * (len(trials) > 1 or not words) + words)
             result.append(Condition(label, trial, events, section, last, mass))
-    return result
+    if names and len(names) != len(result):
+        raise BadInput(f"{len(names)} labels for {len(result)} conditions: pass a label for each, or none")
+    return [replace(condition, label=name) for condition, name in zip(result, names)] if names else result
 
 
 def time_text(text: str) -> str:
@@ -160,9 +149,15 @@ def time_text(text: str) -> str:
 
 
 def trial_labels(trials: Sequence[TrialData]) -> list[str]:
-    """Return a label for each trial: its field "condition" if each has another one, else its unique file name."""
+    """Return a label for each trial: its field "condition" if each has another one, else its file name, without the
+    time of the run where the names differ without it.
+    """
     fields = [trial.fields.get("condition", "") for trial in trials]
-    return fields if all(fields) and len(set(fields)) == len(fields) else short_names([trial.path for trial in trials])
+    if all(fields) and len(set(fields)) == len(fields):
+        return fields
+    names = short_names([trial.path for trial in trials])
+    brief = [re.sub(r"_\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d(-\d+)?$", "", name) for name in names]
+    return brief if len(set(brief)) == len(brief) else names
 
 
 def body_mass(trial: TrialData) -> float:

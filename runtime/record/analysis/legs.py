@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runtime.host.errors import BadInput
-from runtime.record.analysis.average_stride import INPUTS, AverageStride, Stride
+from runtime.record.analysis.average_stride import INPUTS, AverageStride, Stride, contact_of
 from runtime.record.analysis.resample import at_ticks
 from runtime.record.analysis.strides import beginnings, interval, phase_of
 from runtime.record.storage.messages import split
@@ -70,17 +70,21 @@ def average_strides(
     Raises BadInput without a stride.
     """
     known = reports(trial)
-    used = {signals["angle"] for _, _, signals in known}
+    used = {signals["angle"] for *_, signals in known}
     begin, end = interval(trial, between)
     measured_legs, refused = [], None
-    for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
+    others = [joint for joint in joints(trial) if joint[-1]["angle"] not in used]
+    for title, path, positive, signals in [*known, *others]:
+        if contact := contact_of(trial.signals, signals["angle"]):
+            signals["contact"] = contact
         trial.read(name for name in signals.values() if name in trial.signals)  # in one pass
         try:
             rows, phase, walking = gait(trial, signals, events)
         except BadInput as error:  # this joint has no gait phase, but another may have
             refused = refused or error
             continue
-        columns = (phase, walking, *(at_ticks(trial, signals[name])[rows] for name in CURVES_OF))
+        measured = (*CURVES_OF, *(["contact"] if contact else []))
+        columns = (phase, walking, *(at_ticks(trial, signals[name])[rows] for name in measured))
         samples = np.column_stack([column.astype(float) for column in columns])
         ticks, time = trial.tick[rows], trial.time[rows]
         chosen = (time >= begin) & (time <= end)
@@ -89,7 +93,8 @@ def average_strides(
             chosen &= (ticks >= average.each[-last].begin - 1) & (ticks <= average.each[-1].end)
             average = each_stride_of(trial, ticks[chosen], samples[chosen])
         if average.each:
-            measured_legs.append(({"title": title, "path": path, "signals": signals, **average.result()}, average.each))
+            about = {"title": title, "path": path, "positive": positive, "signals": signals}
+            measured_legs.append((about | average.result(), average.each))
     if not measured_legs:
         raise refused or BadInput(
             f"{trial.path} has no complete stride of a joint with position, velocity and torque"
@@ -107,8 +112,8 @@ def each_stride_of(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> 
     return average
 
 
-def reports(trial: TrialData) -> list[tuple[str, str, dict[str, str]]]:
-    """Return [(title, path, {input: signal})] of the diagram's StrideReports whose signals were recorded."""
+def reports(trial: TrialData) -> list[tuple[str, str, str, dict[str, str]]]:
+    """Return [(title, path, positive direction, {input: signal})] of the StrideReports with recorded signals."""
     diagram, entries = trial.diagram or {}, []
     for block in diagram.get("blocks", []):
         if block["type"] == STRIDE_REPORT:
@@ -119,19 +124,20 @@ def reports(trial: TrialData) -> list[tuple[str, str, dict[str, str]]]:
                     (
                         block["parameters"].get("title") or path.rpartition("/")[0] or path,
                         path,
+                        str(block["parameters"].get("positive") or ""),
                         {name: wires[name] for name in INPUTS},
                     )
                 )
     return entries
 
 
-def joints(trial: TrialData) -> Iterator[tuple[str, str, dict[str, str]]]:
-    """Yield (title, path, {input: signal}) of every joint with position, velocity and torque, without its phase."""
+def joints(trial: TrialData) -> Iterator[tuple[str, str, str, dict[str, str]]]:
+    """Yield (title, path, "", {input: signal}) of each joint with position, velocity and torque, without its phase."""
     for path in trial.names:
         folder, block, port = split(path)
         stem = f"{folder}/{block}".lstrip("/")
         if port == "position" and all(f"{stem}.{other}" in trial.signals for other in JOINT):
-            yield folder or stem, stem, {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
+            yield folder or stem, stem, "", {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
 
 
 def gait(

@@ -6,6 +6,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -39,21 +40,18 @@ def frame(axis: Axes) -> None:
         spine.set_color(AXIS)
 
 
-def gait_cycle(axis: Axes) -> None:
-    """Draw the frame of a plot over the gait cycle in %, and a line at zero."""
+def gait_cycle(axis: Axes, size: float, step: int) -> None:
+    """Draw the frame of a plot over the gait cycle in %, and a line at zero.
+
+    size : of the numbers in points
+    step : between the numbers of the gait cycle
+    """
     axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
     axis.set_xlim(0, 100)
-    axis.set_xticks(range(0, 101, 20))
+    axis.set_xticks(range(0, 101, step))
     axis.margins(y=0.12)
     frame(axis)
-    axis.tick_params(colors=INK, labelsize=9, length=3)
-
-
-def mean_and_sd(axis: Axes, mean: np.ndarray, sd: np.ndarray, colour: str) -> None:
-    """Plot a mean with a band of one standard deviation. mean, sd : arrays at 0, 1, ... 100 % of the stride"""
-    cycle = range(len(mean))
-    axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0, zorder=2)
-    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
+    axis.tick_params(colors=INK, labelsize=size, length=2.5, pad=2)
 
 
 def drawable(values: ArrayLike) -> np.ndarray:
@@ -83,12 +81,16 @@ def short(name: str, width: int) -> str:
     return name if len(name) <= width else f"{name[: width // 3]}…{name[1 + width // 3 - width :]}"
 
 
-def save(figure: Figure, file: BinaryIO, kind: str = "png") -> None:
-    """Write a figure. file : binary file, open for writing; kind : "png" or "svg" """
-    with warnings.catch_warnings():
+def save(figure: Figure, file: BinaryIO, kind: str = "png", about: str = "") -> None:
+    """Write a figure. Text stays text in SVG and PDF.
+
+    file : binary file, open for writing
+    kind : "png", "svg" or "pdf"
+    about : description in the metadata of the file
+    """
+    creator = {"png": "Software", "svg": "Creator", "pdf": "Creator"}[kind]
+    place = {"png": "Description", "svg": "Description", "pdf": "Subject"}[kind]
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+    with warnings.catch_warnings(), rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}):
         warnings.filterwarnings("ignore", "Glyph .* missing")  # such a character is drawn as a box
-        figure.savefig(
-            file,
-            format=kind,
-            metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None},
-        )
+        figure.savefig(file, format=kind, metadata={creator: "Tickwork", place: about or None, **undated})

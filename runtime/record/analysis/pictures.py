@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from runtime.record.analysis.conditions import Condition
     from runtime.record.analysis.trial_data import TrialData
 
-Draw = Callable[[BinaryIO, str], Any]  # into a file, as "png" or "svg"
+Draw = Callable[[BinaryIO, str], Any]  # into a file, as "png", "svg" or "pdf"
+ENDINGS = (".png", ".svg", ".pdf")
 
 
 class Pictures:
@@ -33,13 +34,12 @@ class Pictures:
         self.draws = draws
 
     def save(self, path: str | os.PathLike[str]) -> list[Path]:
-        """Write the pictures as .png or .svg. Several get their title in the name. Returns the paths.
+        """Write the pictures as .png, .svg or .pdf. Several get their title in the name. Returns the paths.
 
         Raises BadInput for another ending.
         """
         target = Path(path)
-        if target.suffix not in (".png", ".svg"):
-            raise BadInput(f"{target}: the name of a picture must end in .png or .svg")
+        check_ending(target, str(target))
         paths = []
         for title, draw in self.draws.items():
             stem = target.stem if len(self.draws) == 1 else f"{target.stem}_{file_name(title)}"
@@ -64,6 +64,12 @@ class Pictures:
 
     def __repr__(self) -> str:
         return f"<Pictures: {', '.join(self.draws)}; save('NAME.png') writes them>"
+
+
+def check_ending(path: Path, text: str) -> None:
+    """Raise BadInput, which begins with `text`, for a path that does not end as a picture."""
+    if path.suffix not in ENDINGS:
+        raise BadInput(f"{text}: the name of a picture must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
 
 
 def file_name(title: str) -> str:
@@ -99,15 +105,18 @@ def over_time(trial: TrialData, names: Sequence[str] = ()) -> dict[str, Draw]:
     return figures
 
 
-def over_strides(conditions: Sequence[Condition], names: Sequence[str] = ()) -> dict[str, Draw]:
+def over_strides(
+    conditions: Sequence[Condition], names: Sequence[str] = (), width: float | None = None
+) -> dict[str, Draw]:
     """Return {"strides": function that draws} of conditions over the gait cycle.
 
     names : signals, blocks or subsystems; by default angle, torque and power of each joint
+    width : mm; one or two columns of a journal by default
 
     Raises KeyError or BadInput.
     """
     need("matplotlib.figure", "a picture")
-    from runtime.record.analysis import condition_picture, stride_picture
+    from runtime.record.analysis import stride_picture
     from runtime.record.analysis.legs import legs
     from runtime.record.analysis.plots import PLOT_LIMIT, alone
 
@@ -116,8 +125,11 @@ def over_strides(conditions: Sequence[Condition], names: Sequence[str] = ()) -> 
         paths = [path for name in names for path in alone(first.trial, name)]
         if len(paths) > PLOT_LIMIT:
             raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: select fewer")
-        return {"strides": partial(condition_picture.draw_signals, conditions, paths)}
-    if len(conditions) > 1 or first.mass is not None:
-        return {"strides": partial(condition_picture.draw, conditions)}
-    both_legs = legs(first.trial, first.events, first.between, first.last)
-    return {"strides": partial(stride_picture.draw, first.trial.about["name"], both_legs)}
+        columns, about = stride_picture.of_signals(conditions, paths), ", ".join(paths)
+    elif len(conditions) > 1 or first.mass is not None:
+        columns, about = stride_picture.by_leg(conditions), stride_picture.about_conditions(conditions)
+    else:
+        both_legs = legs(first.trial, first.events, first.between, first.last)
+        columns = stride_picture.by_joint(both_legs)
+        about = stride_picture.about_legs(first.trial.about["name"], both_legs)
+    return {"strides": lambda file, kind: stride_picture.draw(columns, about, file, kind, width)}

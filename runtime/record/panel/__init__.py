@@ -6,7 +6,6 @@
     runtime.record.panel.orders     what a page may ask for, and how the run is asked
     runtime.record.panel.site       HTTP for the files of a page and access to its WebSocket, on one port
     runtime.record.panel.server     the WebSocket of each page
-    runtime.record.panel.names      names and units for people
     runtime.record.panel.page       the page itself: HTML, CSS, JavaScript, and uPlot for the plots
 
 It reads the shared state as `set` does, and takes nothing out of the ring. A page stops the run through the flag of the

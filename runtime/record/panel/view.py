@@ -22,7 +22,8 @@ import msgspec.json
 from cext.memory.shared_state import STATES
 from cext.recording.newest_row import NewestRow
 from runtime.host.live import table
-from runtime.record.panel import access, names
+from runtime.record.analysis import names
+from runtime.record.panel import access
 
 if TYPE_CHECKING:
     from cext.memory.shared_state import SharedState

@@ -11,7 +11,7 @@ from runtime.host.errors import BadInput
 from runtime.record.analysis.average_stride import CURVES
 from runtime.record.analysis.condition_table import FIGURES, deviation
 from runtime.record.analysis.conditions import Condition
-from runtime.record.panel.names import shown_unit, words_of
+from runtime.record.analysis.names import shown_unit, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from runtime.record.panel import names
+from runtime.record.analysis import names
 from runtime.record.view.levels import Levels
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runtime.host.replaced_file import replacement
-from runtime.record.analysis.average_stride import INPUTS, AverageStride
+from runtime.record.analysis.average_stride import INPUTS, AverageStride, contact_of
 from runtime.record.recorder.service import Service
 from runtime.record.storage.files import create
 
@@ -28,27 +28,32 @@ class StrideAverage(Service):
         if len(self.sink["columns"]) != len(INPUTS):
             raise ValueError("wire all five inputs: phase, walking, angle, velocity, torque")
         self.columns = [column["index"] for column in self.sink["columns"]]
+        sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
+        self.signals = {name: sources[index] for name, index in zip(INPUTS, self.columns)}
+        if contact := contact_of(sources.values(), self.signals["angle"]):
+            self.signals["contact"] = contact
+            self.columns += [index for index, source in sources.items() if source == contact]
         path = self.sink["path"]
         self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
         self.average, self.rows = AverageStride(self.plan["rate"]), []
 
     def records(self, batch: Any) -> None:
         if batch.rows:
-            self.rows += batch.table(float(self.plan["rate"]), self.columns, [False] * len(INPUTS))
+            self.rows += batch.table(float(self.plan["rate"]), self.columns, [False] * len(self.columns))
             if len(self.rows) >= BLOCK_ROWS:
                 self.add_rows()
 
     def add_rows(self) -> None:
         """Add the rows that have arrived to the average."""
-        rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(INPUTS))
+        rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(self.columns))
         self.average.add(rows[:, 1].astype(np.int64), rows[:, 2:])
         self.rows.clear()
 
     def close(self) -> dict[str, Any]:
         self.add_rows()
-        sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
-        signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
-        self.result = {"title": self.title, "path": self.sink["path"], "signals": signals, **self.average.result()}
+        positive = str(self.sink["parameters"].get("positive") or "")
+        about = {"title": self.title, "path": self.sink["path"], "positive": positive, "signals": self.signals}
+        self.result = about | self.average.result()
         summary, part = {key: self.result[key] for key in ("strides", "left_out")}, self.plan.get("part", 1)
         return summary | (
             {"problem": f"{self.title}: the average does not include strides before part {part}"} if part > 1 else {}
@@ -65,13 +70,13 @@ class StrideAverage(Service):
         walked = [result for result in results if result["strides"]]
         if not walked or plan["folder"] is None or plan.get("stopped"):
             return {"strides": results}
-        from runtime.record.analysis.stride_picture import draw
+        from runtime.record.analysis.stride_picture import about_legs, by_joint, draw
 
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
         try:
             os.close(descriptor)
             with replacement(path) as file:
-                draw(plan["name"], walked, file)
+                draw(by_joint(walked), about_legs(plan["name"], walked), file)
         except BaseException:
             os.unlink(path)
             raise

@@ -12,7 +12,7 @@ import runtime
 from cext.memory.shared_state import RECORD_EVENT
 from runtime.host.errors import OK, BadInput
 from runtime.record.analysis import condition_table
-from runtime.record.analysis.conditions import GAIT_PHASE, Condition, conditions
+from runtime.record.analysis.conditions import Condition, conditions
 from tests.runtime.record.analysis.test_plots import drawn
 from tests.runtime.record.recorder.running import CSV, columns, plan, record, row, sink
 
@@ -119,14 +119,15 @@ def test_diff_of_strides_prints_the_clearest_difference_first(command_line, pair
     table = {" ".join(line.split()[:3]): line for line in lines[6:12]}
     assert "−20 %" in table["positive work [J/kg]"] and table["stride time [s]"].split()[-1] == "0.0"
     assert lines[-1] == "diff.svg"
-    assert {"off", "on", "knee angle [deg]", "knee torque [N·m/kg]", "gait cycle [%]"} <= drawn("diff.svg")
+    named = {"off, N = 8 strides", "on, N = 8 strides", "knee angle (°)", "knee torque (N·m/kg)", "gait cycle (%)"}
+    assert named <= drawn("diff.svg")
 
 
 def test_sections_of_one_recording_are_conditions(command_line, pair):
     sections = ("--between", "start", "mark 1", "--between", "mark 2", "9.5")
     code, out, err = command_line("plot", pair[0], "--strides", *sections, "-o", "sections.svg")
     assert (code, out, err) == (OK, "sections.svg\n", "")
-    assert {"start to mark 1", "mark 2 to 9.5 s"} <= drawn("sections.svg")
+    assert {"start to mark 1, N = 3 strides", "mark 2 to 9.5 s, N = 1 stride"} <= drawn("sections.svg")
     code, out, err = command_line("diff", pair[0], pair[0], "--strides", *sections)
     assert code == OK and out.startswith("A  start to mark 1\nB  mark 2 to 9.5 s\n")
 
@@ -145,25 +146,7 @@ def test_signals_of_several_recordings_share_a_plot(command_line, pair):
         shutil.copy(path, folders[-1])
     code, out, err = command_line("plot", *folders, "left/knee.torque", "--strides", "--last", 4, "-o", "signals.svg")
     assert (code, out, err) == (OK, "signals.svg\n", "")
-    assert {"left/knee.torque, 4 strides", "off", "on", "[N·m]"} <= drawn("signals.svg")
-
-
-def test_picture_of_knee_exo_names_joint_sign_and_toe_off(tmp_path):
-    from runtime.record.analysis import condition_picture
-    from tests.runtime.runs import KNEE_EXO
-
-    trials = [runtime.run(KNEE_EXO, duration=8, settings={"assistance": share}) for share in (1.0, 0.5)]
-    compared = conditions(trials, last=3)
-    [left, _] = compared[0].legs().values()
-    assert (left.joint, left.positive, left.toe_off) == ("knee", "flexion", None)
-    for block in left.blocks:  # as of a recording whose phase comes from toe-off
-        if block["path"] == "left/gait_phase":
-            block.update(type=GAIT_PHASE, parameters={"event_phase": 0.62})
-    assert left.toe_off == 0.62
-    path = tmp_path / "picture.svg"
-    with open(path, "wb") as file:
-        condition_picture.draw(compared, file, "svg")
-    assert {"knee angle [deg]", "flexion +", "toe-off (event_phase of GaitPhase)"} <= drawn(path)
+    assert {"knee torque, left (N·m)", "off, N = 4 strides", "on, N = 4 strides"} <= drawn("signals.svg")
 
 
 @pytest.mark.parametrize(

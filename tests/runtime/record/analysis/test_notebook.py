@@ -61,8 +61,8 @@ def test_a_plot_that_cannot_be_drawn_is_refused(trial, tmp_path):
         trial.plot("left/knee.positoin")
     with pytest.raises(BadInput, match="add strides=True"):
         trial.plot(last=3)
-    with pytest.raises(BadInput, match="must end in .png or .svg"):
-        trial.plot("left/knee.position").save(tmp_path / "knee.pdf")
+    with pytest.raises(BadInput, match="must end in .png, .svg or .pdf"):
+        trial.plot("left/knee.position").save(tmp_path / "knee.jpg")
 
 
 def test_a_diagram_shows_its_drawing_and_check_its_report():

@@ -128,7 +128,8 @@ def test_every_second_is_in_a_stride_or_reported_unused():
 
 
 def test_standing_for_an_hour_uses_no_memory():
-    service = StrideAverage(plan(None), sink(STRIDES, "left/stride_report", INPUTS))
+    order = sink(STRIDES, "left/stride_report", INPUTS)
+    service = StrideAverage(plan(None, order), order)
     service.open()
     for tick in range(20_000):
         service.records(Batch([row(tick, 0.99 if tick == 0 else 0.1, 1.0, 0.0, 0.0, 0.0)]))
