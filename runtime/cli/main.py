@@ -44,6 +44,7 @@ GROUPS = {
         "doctor": "check whether this machine is fit to run a robot",
         "scan": "list the drives and sensors that respond; arms nothing",
         "configure": "set up a drive (id, zero, protocol, parameters) or a joint",
+        "commission": "find what is wrong with each device, and record it",
         "calibrate": "find bias, offset and scale of an IMU",
         "move": "move one actuator within small limits",
         "stream": "show one drive live, without torque, or sensors",

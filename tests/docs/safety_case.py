@@ -84,6 +84,8 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "g": "No page of the panel arms a robot or a drive.",
             "h": "Where a lost page is a stop, no drive is enabled before a page has the controls, at the start and "
             "after a fault.",
+            "i": "`commission` enables a drive only in a run with a guardian and at most 5 % of the rated torque, "
+            "after the steps without torque have found nothing, and leaves it disabled however the command ends.",
         },
     ),
     "H5": (

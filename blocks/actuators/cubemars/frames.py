@@ -43,6 +43,7 @@ MASKED_FAULTS = FAULTS | {
     6: "above 120 °C (bits 1 and 2); transistors too hot if its error byte is a code",
 }
 WARM = "over-current; in firmware whose error byte is a mask (errors='mask'), a warning above 80 °C"
+WARM_FROM = 78.0  # °C, from which on error byte 2 may be that warning
 EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", DISABLED: "reports that it is disabled"}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
-from blocks.actuators.cubemars.frames import ERRORS, FAULTS, MASK, MASKED_FAULTS, REPLIES, WARM
+from blocks.actuators.cubemars.frames import CODE, ERRORS, FAULTS, MASK, MASKED_FAULTS, REPLIES, WARM, WARM_FROM
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels.devices.cubemars import mit as kernels
@@ -57,6 +57,15 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         if code == 2 and not self.masks:
             return WARM
         return (MASKED_FAULTS if self.masks else FAULTS).get(code, f"code {code}, not listed in the manual")
+
+    def other_errors(self, fault: str, temperature: float) -> str:
+        """Return the meaning of the error byte that a reported fault contradicts: CODE, MASK or "" for neither.
+
+        fault : of a graph.family.Answer; temperature : °C
+        """
+        if not self.masks:
+            return MASK if fault == WARM and temperature > WARM_FROM else ""
+        return CODE if fault in (FAULTS[4], FAULTS[6]) and temperature < WARM_FROM else ""
 
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
         return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames
-from blocks.actuators.cubemars.frames import FAULTS, REPLIES, WARM
+from blocks.actuators.cubemars.frames import FAULTS, REPLIES, WARM, WARM_FROM
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
 from blocks.actuators.queries import alternates, one_of, same_id, state_in_mit_mode
@@ -38,7 +38,7 @@ def state(identifier: int, extended: bool, data: bytes, can_id: int, model: Mode
     if len(data) == 8:
         answer.temperature = data[6] - 40.0
         answer.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not list") if data[7] else ""
-        if data[7] == 2 and answer.temperature > 78.0:
+        if data[7] == 2 and answer.temperature > WARM_FROM:
             answer.fault = WARM
     else:
         answer.fault = None

@@ -10,6 +10,7 @@ from typing import Any
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
 MODE_BITS = 3 << 22  # of the identifier of FEEDBACK and REPORT: 0 for a drive that is not enabled
 GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of configuration; a CyberGear interprets 22 as its baud rate
+READ_IN_MIT_MODE, WRITE_IN_MIT_MODE = 0x300, 0x400  # with the id of a drive
 NEWCOMER = 0xFE  # target of the answer to GET_ID
 
 MECH_POS, MECH_VEL = 0x7019, 0x701B  # measured, which arming compares with the replies
@@ -82,6 +83,11 @@ def write(index: int, value: float, can_id: int, host_id: int) -> tuple[int, boo
 def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that reads a parameter. index : index of the parameter"""
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
+
+
+def read_in_mit_mode(index: int, can_id: int) -> tuple[int, bool, bytes]:
+    """Return the frame that reads a parameter in the MIT protocol. index : index of the parameter"""
+    return READ_IN_MIT_MODE | can_id, False, struct.pack("<Hxxxxxx", index)
 
 
 def settings_of(written: Sequence[tuple[int, float]]) -> tuple[float, ...]:

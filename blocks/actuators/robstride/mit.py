@@ -9,20 +9,22 @@ from typing import TYPE_CHECKING, Any
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
-from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride import frames, models, queries
 from blocks.actuators.robstride.emulator import ignored_of
 from blocks.actuators.robstride.models import TEMPERATURE
+from blocks.actuators.robstride.parameters import PARAMETERS
+from blocks.actuators.robstride.read_back import ReadBack
 from blocks.actuators.sources import MANUAL, WIRES, RangeSet, Source, of
 from cext.kernels.devices.robstride import mit as kernels
 from graph import Actuator, CommandReplies, Device, Interval, Memory, Param
 
 if TYPE_CHECKING:
     from blocks.actuators.robstride.models import Model
+    from graph.dialogue import Dialogue
 
 CLEAR_FAULT = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
 FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"  # query of the faults
 READ_AGAIN = 1.0  # s, when faults are read again
-READ, WRITE = 0x300, 0x400  # of parameters, with the drive's id
 OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"  # of the modes: MIT 0, position 1, velocity 2
 
 
@@ -56,7 +58,7 @@ def find(name: str) -> Model:
     return replace(found, range_sets=sets, sources=of(WIRES, MANUAL, f"{SECTION_6}; section 4 differs"), **ranges)
 
 
-class RobStrideMIT(StopInMitMode, Joint, Actuator):
+class RobStrideMIT(StopInMitMode, ReadBack, Joint, Actuator):
     """RobStride actuator set to its MIT protocol: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two drawbacks: replies
@@ -76,14 +78,6 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         min=0.0,
         max=5.0,
         fixed=True,
-    )
-
-    verify_ranges = Param(
-        True,
-        "1",
-        "whether arming compares the replies with the parameters mechPos and mechVel, and refuses other ranges",
-        fixed=True,
-        kernel=False,
     )
 
     talk = Memory(
@@ -138,7 +132,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         """Return the filters of the frames from the drive and to it."""
         return [(self.host_id, 0x7FF, False), (self.can_id, 0x7FF, False)] + [
-            (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
+            (kind | self.can_id, 0x7FF, False) for kind in (frames.READ_IN_MIT_MODE, frames.WRITE_IN_MIT_MODE)
         ]
 
     def reply_frames(self) -> list[tuple[int, int, bool, bytes]]:
@@ -163,7 +157,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         """Return the frames that write the settings other than the mode; none if the firmware cannot."""
         return [
             (
-                WRITE | self.can_id,
+                frames.WRITE_IN_MIT_MODE | self.can_id,
                 False,
                 struct.pack("<HH", index, 0) + struct.pack(frames.WHOLE.get(index, "<f"), value),
             )
@@ -174,13 +168,10 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the reads of what is compared, and of the settings."""
         read = (*self.compared, *(index for index, _ in self.written_settings()))
-        return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", index)) for index in read]
+        return [frames.read_in_mit_mode(index, self.can_id) for index in read]
 
-    def compared_in_words(self) -> str:
-        return frames.compared_in_words(self.compared)
-
-    def settings_read(self) -> int:
-        return len(self.written_settings())
+    def position_parameter(self) -> Dialogue:
+        return queries.value_in_mit_mode(self.can_id, PARAMETERS["mechPos"])
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, ENABLE)]
@@ -197,7 +188,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
 
     def unready_in_words(self) -> str:
         names = ", ".join(f"{frames.NAMES[index]} 0x{index:04X}" for index, _ in self.written_settings())
-        return f"it answers, but not every read of its settings (0x{READ | self.can_id:03X}: {names}); {self.remedy()}"
+        read = frames.READ_IN_MIT_MODE | self.can_id
+        return f"it answers, but not every read of its settings (0x{read:03X}: {names}); {self.remedy()}"
 
     def remedy(self) -> str:
         """Return what to do about a drive that does not keep what was written to it."""

@@ -8,9 +8,11 @@ from blocks.actuators import deviations
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.ranges import joint_scales
-from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride import frames, models, queries
 from blocks.actuators.robstride.emulator import EmulatedRobStride
 from blocks.actuators.robstride.models import TEMPERATURE
+from blocks.actuators.robstride.parameters import PARAMETERS
+from blocks.actuators.robstride.read_back import ReadBack
 from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
 from graph import (
@@ -30,6 +32,7 @@ from graph import (
 
 if TYPE_CHECKING:
     from graph.device_data import DampedStop
+    from graph.dialogue import Dialogue
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
@@ -47,7 +50,7 @@ SENT = {
 }
 
 
-class RobStride(Joint, Actuator):
+class RobStride(ReadBack, Joint, Actuator):
     """RobStride actuator or CyberGear: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (RobStride user manuals of 2026-04-28, section 4.) Feedback is from the previous tick; commands are sent at the end
@@ -64,13 +67,6 @@ class RobStride(Joint, Actuator):
     host_id = Param(0xFD, "1", "id to which the drive replies", min=0, max=255, fixed=True)
     can_timeout = Param(
         0.1, "s", "time without a command after which the drive stops itself; 0 for never", min=0.0, max=5.0, fixed=True
-    )
-    verify_ranges = Param(
-        True,
-        "1",
-        "whether arming compares the replies with the parameters mechPos and mechVel, and refuses other ranges",
-        fixed=True,
-        kernel=False,
     )
     active_reporting = Param(False, "1", "whether the drive also reports every 10 ms", fixed=True)
     velocity_limit = Param(
@@ -299,11 +295,8 @@ class RobStride(Joint, Actuator):
             written.append((frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0))
         return written
 
-    def compared_in_words(self) -> str:
-        return frames.compared_in_words(self.compared)
-
-    def settings_read(self) -> int:
-        return len(self.written_settings())
+    def position_parameter(self) -> Dialogue:
+        return queries.value(self.can_id, PARAMETERS["mechPos"], self.spec.is_cybergear)
 
     def ask_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the stop, which reports the state and leaves a running drive without torque."""

@@ -34,6 +34,7 @@ COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
 HOST = 0xFD
 VERSION = bytes([0x00, 0xC4])
 POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
+SMALL = 0.5  # rad, position from which on a code shows its range to 0.1 %
 RESET, CALIBRATION, RUN = range(3)
 MODES = {RESET: "stopped", CALIBRATION: "calibrating", RUN: "running"}
 PROTOCOLS = {"private": 0, "canopen": 1, "mit": 2}
@@ -210,11 +211,24 @@ def details(answer: Answer) -> Dialogue:
     read_firmware = partial(firmware, can_id=can_id)
     found.firmware = (yield from ask(version(can_id), "stop and version of RobStride drives", read_firmware)) or ""
     found.family = ROBSTRIDE if found.firmware else EITHER
+    reply = found.position
     for name, key in (("mechPos", "position"), ("mechVel", "velocity"), ("VBUS", "voltage")):
         number = yield from value(can_id, PARAMETERS[name])
         if number is not None:
             setattr(found, key, number)
+    found.notes += range_in_words(reply, found.position)
     return found
+
+
+def range_in_words(reply: float | None, parameter: float | None) -> list[str]:
+    """Return what the parameter mechPos suggests about the range of the position, as at most one line.
+
+    reply : rad, position of a reply decoded with ± POSITION; parameter : rad
+    """
+    if not reply or not parameter or min(abs(reply), abs(parameter)) < SMALL:
+        return []
+    half = POSITION * parameter / reply
+    return [f"its parameter mechPos suggests a range of ±{half:.4g} rad (most models: ±{POSITION:g} rad)"]
 
 
 def value(can_id: int, parameter: Parameter, is_cybergear: bool = False) -> Dialogue:
@@ -222,6 +236,17 @@ def value(can_id: int, parameter: Parameter, is_cybergear: bool = False) -> Dial
     read_value = partial(reading, index=parameter.index, can_id=can_id)
     answer = yield from ask(read(parameter.index, can_id), "readings of RobStride drives", read_value)
     return parameter.value_of(answer[1], is_cybergear) if answer and answer[0] else None
+
+
+def value_in_mit_mode(can_id: int, parameter: Parameter) -> Dialogue:
+    """Dialogue that returns the value of a parameter in the MIT protocol, None if the drive does not return it."""
+    request = frames.read_in_mit_mode(parameter.index, can_id)
+
+    def read_value(identifier: int, extended: bool, data: bytes) -> Any:
+        answers = (identifier, extended) == request[:2] and len(data) == 8 and data[:2] == request[2][:2]
+        return parameter.value_of(data) if answers else None
+
+    return (yield from ask(request, "readings of RobStride drives", read_value))
 
 
 def commanded(identifier: int, extended: bool, data: bytes) -> Any:

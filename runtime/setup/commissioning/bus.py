@@ -121,12 +121,16 @@ class ToolBus:
 
     def take(self) -> list[tuple[int, bool, bytes]]:
         """Return the frames (identifier, is extended, data) that have arrived, without waiting. Counts error frames."""
+        return [frame for frame, _ in self.arrivals()]
+
+    def arrivals(self) -> list[tuple[tuple[int, bool, bytes], float]]:
+        """Return `take` with the arrival of each frame in s of CLOCK_MONOTONIC."""
         frames = []
-        for identifier, data, _ in self.wire.receive():
+        for identifier, data, arrival in self.wire.receive():
             if identifier & ERROR:
                 self.errors += 1
             elif not identifier & REMOTE:
-                frames.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
+                frames.append(((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)), arrival * 1e-9))
         return frames
 
     def ask(

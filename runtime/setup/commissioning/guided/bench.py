@@ -1,0 +1,207 @@
+"""The rig on a bench: polls its drives without torque, and asks the operator."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from blocks.families import family_of
+from graph import Actuator
+from runtime.host.console.confirm import discard_typed, enter_pressed
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import BadInput
+from runtime.robot.rig.records import AGREES, DIFFERS, OPEN
+from runtime.setup.commissioning import scan
+from runtime.setup.commissioning.bus import ToolBus, open_bus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from graph import Diagram
+    from runtime.robot.rig.file import RigFile
+
+POLL_PERIOD = 0.01  # s between two queries of one drive
+LISTEN_TIME = 0.5  # s of an idle bus
+NOISE = 0.02  # rad, motion of a joint at rest
+STILL_TIME = 0.4  # s
+
+
+@dataclass
+class Result:
+    """What a step has found.
+
+    says : lines for the operator; measured : {name: number}
+    findings : (name of a fault, text); cures : {hardware parameter: value} that the rig should have
+    done : False for a step that measured nothing
+    """
+
+    says: list[str] = field(default_factory=list)
+    measured: dict[str, float] = field(default_factory=dict)
+    findings: list[tuple[str, str]] = field(default_factory=list)
+    cures: dict[str, Any] = field(default_factory=dict)
+    done: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """One of AGREES, DIFFERS and OPEN."""
+        return DIFFERS if self.findings else AGREES if self.done else OPEN
+
+    def find(self, name: str, text: str, **cures: Any) -> None:
+        """Add a finding."""
+        self.findings.append((name, text))
+        self.cures |= cures
+
+
+@dataclass
+class Given:
+    """What the operator has given for a device.
+
+    angle : rad, between the two marks; lever : runtime.setup.commissioning.guided.driven.Lever, or None
+    """
+
+    angle: float
+    lever: Any = None
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One reply of a drive. time in s; position and velocity at the joint, before sign and offset; the Answer"""
+
+    time: float
+    position: float
+    velocity: float
+    answer: Any
+
+
+class Bench:
+    """Drives of a diagram on the buses of its rig. Use it in a `with` block: at its end the buses are closed.
+
+    file, rig, diagram : path of the diagram, RigFile, and Diagram with the parameters of the rig
+    """
+
+    def __init__(self, file: Path, rig: RigFile, diagram: Diagram) -> None:
+        self.file, self.rig, self.diagram = file, rig, diagram
+        self.queries = {}
+        for block in diagram:
+            family = family_of(block) if isinstance(block, Actuator) else None
+            if family is not None:
+                self.queries[block.path] = family.stop_query(block)
+        self.drives: list[Any] = [diagram[path] for path in self.queries]
+        self.period = 1.0 / diagram.rate
+        self.buses: dict[str, ToolBus] = {}
+        self.reports: dict[str, scan.Report] = {}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.release()
+
+    def take(self) -> None:
+        """Open the buses of the drives, unless they are open. Raises BadInput if another controller uses one."""
+        for name in dict.fromkeys(block.bus for block in self.drives):
+            if name not in self.buses:
+                self.buses[name] = self._stack.enter_context(open_bus(self.rig.buses[name]))
+                scan.refuse_company(self.buses[name])
+
+    def release(self) -> None:
+        """Disable every drive once more and close the buses, for a run that opens them itself."""
+        try:
+            for block in self.drives:
+                if block.bus in self.buses and (frame := self.queries[block.path].frame):
+                    self.buses[block.bus].send(frame, "disable")
+        finally:
+            self.buses.clear()
+            self._stack.close()
+
+    def report(self, bus: str) -> scan.Report:
+        """Return the scan.Report of a bus, made once."""
+        self.take()
+        if bus not in self.reports:
+            ids = sorted({*range(1, 128), *(block.can_id for block in self.drives if block.bus == bus)})
+            self.reports[bus] = scan.scan(self.buses[bus], ids, LISTEN_TIME)
+        return self.reports[bus]
+
+    def watch(self, until: Callable[[], bool], drives: list[Any] | None = None) -> dict[str, list[Sample]]:
+        """Return {path: Samples} of drives that are polled until `until()`. drives : all by default"""
+        self.take()
+        drives = self.drives if drives is None else drives
+        seen: dict[str, list[Sample]] = {block.path: [] for block in drives}
+        on_bus = {name: [block for block in drives if block.bus == name] for name in self.buses}
+        for bus in self.buses.values():
+            bus.take()  # old reports
+        while not until():
+            due = time.monotonic() + POLL_PERIOD
+            for block in drives:
+                if (frame := self.queries[block.path].frame) is not None:
+                    self.buses[block.bus].send(frame, "disable")
+            while True:
+                for name, bus in self.buses.items():
+                    for frame, when in bus.arrivals():
+                        self._note(seen, on_bus[name], frame, when)
+                if (left := due - time.monotonic()) <= 0.0:
+                    break
+                time.sleep(min(left, 0.001))
+        return seen
+
+    def _note(self, seen: dict[str, list[Sample]], drives: list[Any], frame: Any, when: float) -> None:
+        """Add the sample in a frame, if it is a reply of one of the drives."""
+        for block in drives:
+            answer = self.queries[block.path].read(*frame)
+            if answer is not None:
+                ratio = block.gear_ratio
+                velocity = 0.0 if answer.velocity is None else answer.velocity / ratio
+                seen[block.path].append(Sample(when, answer.position / ratio, velocity, answer))
+
+    def for_seconds(self, seconds: float, drives: list[Any] | None = None) -> dict[str, list[Sample]]:
+        """Return `watch` over a duration in s."""
+        end = time.monotonic() + seconds
+        return self.watch(lambda: time.monotonic() >= end, drives)
+
+    def until_entered(self, instruction: str) -> dict[str, list[Sample]]:
+        """Show an instruction, and return `watch` of every drive until the operator presses Enter."""
+        self.take()
+        print_lines([f"  > {instruction}, then press Enter"])
+        discard_typed()
+        return self.watch(enter_pressed)
+
+    def at_rest(self, block: Any) -> list[Sample]:
+        """Return the Samples of a drive at rest. Raises BadInput if it does not respond."""
+        samples = self.for_seconds(STILL_TIME, [block])[block.path]
+        if not samples:
+            raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+        return samples
+
+
+def ask(question: str) -> str:
+    """Return the operator's answer to a question. Raises BadInput at the end of standard input."""
+    print_lines([f"  > {question}"])
+    discard_typed()
+    line = sys.stdin.readline()
+    if not line:
+        raise BadInput(f"standard input ended at the question: {question}")
+    return line.strip()
+
+
+def number(question: str, default: float | None = None) -> float | None:
+    """Return the operator's number, or the default for an empty line; asks again until it is one above zero."""
+    while True:
+        text = ask(question)
+        if not text:
+            return default
+        try:
+            if 0.0 < (value := float(text)) < float("inf"):
+                return value
+        except ValueError:
+            pass
+        print_lines([f"    {text}: expected a number above 0"])
+
+
+def confirmed(question: str) -> bool:
+    """Return whether the operator answers y or yes."""
+    return ask(f"{question}? yes or no").lower() in ("y", "yes")

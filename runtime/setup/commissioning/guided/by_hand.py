@@ -1,0 +1,189 @@
+"""Steps in which the operator moves a joint whose motor is off: zero, direction, encoded ranges, wraps and range."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from runtime.host.errors import BadInput
+from runtime.setup.commissioning.guided.bench import Bench, Given, Result, Sample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+ANGLE_TOLERANCE = 0.05  # of the marked angle, turned by hand
+VELOCITY_TOLERANCE = 0.05  # of the change of position
+PARAMETER_TOLERANCE = 0.02  # of a parameter of the drive
+ZERO_TOLERANCE = 0.05  # rad
+LITTLE = 0.3  # of the marked angle, below which a joint has not moved
+JUMP = 0.06  # rad between two replies, in addition to the motion at their velocity
+RANGE_MARGIN = 0.05  # rad
+
+
+def sign_of(block: Any) -> float:
+    """Return the direction of the motor at the joint."""
+    return -1.0 if block.invert else 1.0
+
+
+def pose(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare the zero of the joint with the diagram's."""
+    bench.until_entered("Hold the joint at its zero, as the diagram defines it")
+    samples = bench.at_rest(block)
+    at = sum(sample.position for sample in samples) / len(samples)
+    joint = sign_of(block) * at - block.offset
+    result = Result([f"the joint reads {joint:.3f} rad at its zero"], {"zero": joint})
+    if not block.zero_at_arming and abs(joint) > ZERO_TOLERANCE:
+        result.find("zero", f"the joint reads {joint:.3f} rad at its zero", offset=round(sign_of(block) * at, 4))
+    return result
+
+
+def turn(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare direction, position and velocity with a turn by the marked angle in the positive direction."""
+    angle = given.angle
+    bench.until_entered("Hold the joint still at the first mark")
+    seen = bench.until_entered(
+        f"Turn the joint in the positive direction of the diagram to the second mark, {math.degrees(angle):g}° on, "
+        "without going back, and hold it"
+    )
+    turned = {path: Turn(samples) for path, samples in seen.items() if len(samples) > 10}
+    result = Result()
+    if block.path not in turned:
+        raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+    own = turned[block.path]
+    result.measured = {"angle": angle, "turned": own.moved, "velocity_integral": own.integral}
+    result.says.append(f"turned by {own.moved:.3f} rad of {angle:.3f} rad, by its velocity {own.integral:.3f} rad")
+    others = [path for path, each in turned.items() if path != block.path and abs(each.moved) > LITTLE * angle]
+    if abs(own.moved) < LITTLE * angle and not own.jumps and abs(own.integral) < LITTLE * angle:
+        if others:
+            result.find(
+                "exchanged", f"the reading of {' and '.join(others)} moved instead: exchange can_id or bus of the two"
+            )
+        else:
+            result.find("encoder", f"the reading moved by {own.moved:.3f} rad: the encoder is stuck, or another joint")
+        return result
+    if own.jumps:
+        size = max(map(abs, own.jumps))
+        result.measured["jump"] = size
+        result.find("wraps", f"the reading jumped by {size:.3f} rad{wrap_in_words(block, size)}")
+        return result
+    direction = sign_of(block)
+    if own.moved * direction < 0.0:
+        result.find("direction", "the joint moved in the opposite direction", invert=not block.invert)
+    compare_ranges(result, block, abs(own.moved) / angle, own.integral / own.moved)
+    compare_parameters(result, bench, block)
+    return result
+
+
+class Turn:
+    """A motion by hand that starts and ends at rest.
+
+    moved : rad, without jumps; integral : rad, of the velocity without its mean at rest; jumps : rad
+    """
+
+    def __init__(self, samples: Sequence[Sample]) -> None:
+        first = samples[: max(3, len(samples) // 20)]
+        bias = min((sample.velocity for sample in first), key=abs)
+        noise = max(sample.position for sample in first) - min(sample.position for sample in first)
+        self.jumps: list[float] = []
+        self.integral = 0.0
+        for before, after in zip(samples, samples[1:]):
+            dt = after.time - before.time
+            self.integral += (0.5 * (before.velocity + after.velocity) - bias) * dt
+            fastest = max(abs(before.velocity), abs(after.velocity))
+            step = after.position - before.position
+            if abs(step) > max(JUMP, 3.0 * noise) + 3.0 * fastest * dt + 0.2 * min(dt, 1.0):
+                self.jumps.append(step - 0.5 * (before.velocity + after.velocity) * dt)
+        self.moved = samples[-1].position - samples[0].position - sum(self.jumps)
+
+
+def wrap_in_words(block: Any, size: float) -> str:
+    """Return what a jump of the reading by `size` rad at the joint suggests."""
+    spec, ratio = block.spec, block.gear_ratio
+    known = {
+        "it wraps at one turn of the output": 2.0 * math.pi / ratio,
+        "it wraps at one turn of the motor": (getattr(spec, "wake_shift", 0.0) or 0.0) / ratio,
+        "it wraps at the end of its encoded range": 2.0 * block.wire[0],
+    }
+    near = [text for text, value in known.items() if value and abs(size / value - 1.0) < 0.1]
+    return f": {near[0]}" if near else ""
+
+
+def compare_ranges(result: Result, block: Any, ratio: float, rate: float) -> None:
+    """Compare the encoded ranges with a turn.
+
+    ratio : position over true angle; rate : integral of the velocity over position
+    """
+    sets = getattr(block.spec, "range_sets", ())
+    position, velocity = block.wire[0] * block.gear_ratio, block.wire[1] * block.gear_ratio
+    if sets:
+
+        def error(each: Any) -> float:
+            expected = position / each.values[0], (velocity / each.values[1]) / (position / each.values[0])
+            return math.hypot((ratio / expected[0] - 1.0), 2.0 * (rate / expected[1] - 1.0))
+
+        best = min(sets, key=error)
+        present = block.ranges or sets[0].name
+        own = next(each for each in sets if each.name == present)
+        if best is not own and error(best) < 0.5 * error(own) and error(own) > 0.015 and error(best) < 0.1:
+            result.find(
+                "encoded ranges",
+                f"position {ratio:.3f} and velocity {rate:.3f} of the expected: the ranges {best.name!r} of "
+                f"{block.spec.name}, not {own.name!r}",
+                ranges=best.name,
+            )
+            return
+    scaled = hasattr(block, "wire_position")
+    if abs(ratio - 1.0) > ANGLE_TOLERANCE:
+        cure = {"wire_position": round(position / ratio, 4)} if scaled else {}
+        result.find(
+            "position range",
+            f"the reading moved by {ratio:.3f} of the marked angle: another range, or another gear, than the table's",
+            **cure,
+        )
+    if rate < 0.0:
+        result.find("sign of velocity", "the velocity has the opposite sign of the change of position")
+    elif abs(rate - 1.0) > VELOCITY_TOLERANCE and abs(rate * ratio - 1.0) > VELOCITY_TOLERANCE:
+        if scaled:
+            cure = {"wire_velocity": round(velocity / (rate * ratio), 4)}
+        else:
+            cure = {"pole_pairs": round(block.spec.pole_pairs * rate)} if hasattr(block, "pole_pairs") else {}
+        result.find("velocity range", f"the integral of the velocity is {rate * ratio:.3f} of the marked angle", **cure)
+
+
+def compare_parameters(result: Result, bench: Bench, block: Any) -> None:
+    """Compare the position in the replies with the parameter of the drive, where it has one."""
+    if not hasattr(block, "position_parameter"):
+        return
+    before = bench.at_rest(block)[-1]
+    value = bench.buses[block.bus].converse(block.position_parameter())
+    after = bench.at_rest(block)[0]
+    if value is None:
+        result.says.append("the drive does not return its parameter mechPos")
+        return
+    reply = before.answer.position
+    moved = abs(after.answer.position - before.answer.position)
+    result.measured["mechPos"] = value
+    if abs(value) > 0.3 and moved < 0.01 and abs(reply / value - 1.0) > PARAMETER_TOLERANCE:
+        own = block.wire[0] * block.gear_ratio * value / reply
+        result.find(
+            "position range",
+            f"replies have {reply:.3f} rad, the parameter mechPos {value:.3f} rad: half the encoded range is "
+            f"{own:.4g} rad",
+            wire_position=round(own, 4),
+        )
+
+
+def motion(bench: Bench, block: Any, given: Given) -> Result:
+    """Measure the range of the joint."""
+    seen = bench.until_entered("Move the joint through its full motion, to both ends")[block.path]
+    if not seen:
+        raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+    angles = [sign_of(block) * sample.position - block.offset for sample in seen]
+    low, high = min(angles), max(angles)
+    result = Result([f"moves from {low:.3f} to {high:.3f} rad"], {"low": low, "high": high})
+    if not block.range:
+        result.cures["range"] = [round(low, 3), round(high, 3)]
+    elif low < block.range[0] - RANGE_MARGIN or high > block.range[1] + RANGE_MARGIN:
+        ends = f"[{block.range[0]:g}, {block.range[1]:g}]"
+        result.find("range", f"the joint moves from {low:.3f} to {high:.3f} rad, and its range is {ends} rad")
+    return result

@@ -1,0 +1,261 @@
+"""Steps under torque: regular runs of one drive with a guardian, at most 5 % of the rated torque.
+
+A lever of known mass hangs from the output. The torque grows until the lever shows it, so that an unknown scale of the
+torque is found before it is exceeded: torque at the joint = m g l sin(deflection).
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from blocks.limiters import Saturation
+from blocks.safety import EmergencyStop
+from graph import Block, Diagram, Input, Output, Param
+from runtime.host.console.terminal import print_to_stderr
+from runtime.host.ending import Interrupted, raise_if_ended_by_signal
+from runtime.robot.loading.file import compile_diagram
+from runtime.setup.commissioning.guided.bench import Bench, Given, Result, number
+
+if TYPE_CHECKING:
+    from runtime.session.result import Result as RunResult
+
+GRAVITY = 9.81  # m/s²
+LIMIT_SHARE, USED_SHARE = 0.05, 0.035  # of the rated torque: limit of the runs, and torque that they aim at
+STEEPEST = 0.5  # of m g l, largest torque that the lever is to show: 30°
+START_SHARE, GROWTH_TIME = 0.02, 2.5  # of the torque; s to its full value, exponentially
+REST_TIME, HOLD_TIME = 0.8, 1.2  # s
+TORQUE_TOLERANCE = 0.12  # of the torque of the lever
+SHOWN_SHARE = 0.25  # of the expected deflection, below which the drive gives no torque
+SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
+RATE = 200.0  # Hz
+SILENCE = 0.4  # s without frames, for a drive without a declared time-out
+FALLEN_SHARE = 0.3  # of the deflection
+STOPPED = "has stopped by itself"
+NO_LEVER = "without a lever nothing was measured"
+
+
+@dataclass(frozen=True)
+class Lever:
+    """Weight on a lever at the output. mass in kg, length in m from the axis to its centre"""
+
+    mass: float
+    length: float
+
+    @property
+    def torque(self) -> float:
+        """Torque of the horizontal lever in N·m."""
+        return self.mass * GRAVITY * self.length
+
+
+class Probe(Block):
+    """Torque that grows exponentially, in each direction, until the deflection of a lever shows the wanted one.
+
+    `rows` has (phase, position, command, reported torque) of each tick.
+    """
+
+    wanted = Param(0.1, "N·m", "torque that the lever is to show", above=0.0)
+    largest = Param(0.1, "N·m", "largest command", above=0.0)
+    lever = Param(1.0, "N·m", "torque of the horizontal lever", above=0.0)
+    silence = Param(0.0, "s", "duration without frames after the first direction; 0: none", min=0.0)
+    constant = Param(1.0, "N·m/A", "torque constant at the joint, of a drive that is commanded with a current")
+
+    position = Input("rad", "joint angle")
+    velocity = Input("rad/s", "joint velocity")
+    reported = Input("N·m", "torque that the drive reports")
+    torque = Output("N·m", "torque command")
+    current = Output("A", "current of this torque")
+    lost = Output("1", "whether the lever swings instead of showing the torque", dtype=bool)
+
+    def configure(self) -> None:
+        self.allowance = self.silence + 0.1 if self.silence else 0.0
+        self.ends = [REST_TIME, REST_TIME + GROWTH_TIME, REST_TIME + GROWTH_TIME + HOLD_TIME]
+
+    @property
+    def duration(self) -> float:
+        """Duration in s."""
+        return (1 if self.silence else 2) * (self.ends[2] + REST_TIME)
+
+    def reset(self):
+        self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
+
+    def step(self, position, velocity, reported, t):
+        phase, local = divmod(t, self.ends[2] + REST_TIME)
+        sign = 1.0 if phase == 0.0 else -1.0
+        rest = sum(self.rest) / len(self.rest) if self.rest else position
+        deflection = position - rest
+        if local < self.ends[0]:
+            self.command, self.grown = 0.0, False
+            if phase == 0.0:
+                self.rest.append(position)
+        elif local < self.ends[1]:
+            shown = self.lever * abs(math.sin(max(-1.5, min(1.5, deflection))))
+            self.grown = self.grown or shown >= self.wanted
+            if not self.grown:
+                share = START_SHARE ** (1.0 - (local - self.ends[0]) / GROWTH_TIME)
+                self.command = sign * min(self.wanted * 1.3 * share, self.largest)
+        elif local >= self.ends[2]:
+            if self.silence and not self.hushed:
+                self.hushed = True
+                self.rows.append(("held", deflection, self.command, reported, velocity))
+                time.sleep(self.silence)
+                return self.command, self.command / self.constant, False
+            if self.hushed and self.rows[-1][0] == "held":
+                self.rows.append(("after", deflection, self.command, reported, velocity))
+            self.command = 0.0
+        if self.ends[1] + 0.3 * HOLD_TIME < local < self.ends[2]:
+            self.rows.append(("+" if sign > 0 else "-", deflection, self.command, reported, velocity))
+        lost = abs(deflection) > SWUNG or abs(velocity) > TOO_FAST
+        return self.command, self.command / self.constant, lost
+
+
+def torque(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare direction and scale of the torque with a lever."""
+    lever = given.lever
+    if lever is None:
+        return Result([NO_LEVER], done=False)
+    probe, run = drive(bench, block, lever)
+    result = Result()
+    if run.outcome.faulted and not at_end(probe):
+        return failed(result, block, run)
+    sides = {name: [row for row in probe.rows if row[0] == name] for name in "+-"}
+    if not all(sides.values()):
+        return failed(result, block, run)
+    means = {name: [sum(row[i] for row in rows) / len(rows) for i in (1, 2, 3)] for name, rows in sides.items()}
+    shown = {name: lever.torque * math.sin(angle) for name, (angle, _, _) in means.items()}
+    commanded = (means["+"][1] - means["-"][1]) / 2.0
+    ratio = (shown["+"] - shown["-"]) / 2.0 / commanded
+    reported = (means["+"][2] - means["-"][2]) / 2.0 / commanded
+    result.measured = {"ratio": ratio, "reported": reported, "commanded": commanded, "bias": shown["+"] + shown["-"]}
+    result.says.append(
+        f"{commanded:.3f} N·m commanded ({commanded / rated_of(block):.1%} of rated): the lever shows {ratio:.2f} "
+        f"times that, the drive reports {reported:.2f} times"
+    )
+    if ratio < -SHOWN_SHARE:
+        result.find("sign of torque", "a positive torque turns the joint in the negative direction")
+    elif ratio < SHOWN_SHARE:
+        result.find("no torque", f"the lever shows {ratio:.2f} times the commanded torque")
+    elif abs(ratio - 1.0) > TORQUE_TOLERANCE:
+        constant = getattr(block.spec, "torque_constant", None)
+        own = f" of {constant:.3g} N·m/A, {constant * ratio:.3g} N·m/A by this lever" if constant else ""
+        result.find(
+            "torque constant",
+            f"the joint receives {ratio:.2f} times the commanded torque: torque constant{own}, or encoded range of the "
+            "torque",
+        )
+    return result
+
+
+def silence(bench: Bench, block: Any, given: Given) -> Result:
+    """Let the frames stop while the drive holds the lever, and see whether it stops by itself."""
+    lever = given.lever
+    if lever is None:
+        return Result([NO_LEVER], done=False)
+    own = block.own_timeout
+    seconds = SILENCE if own is None else 2.0 * own + 0.2
+    probe, run = drive(bench, block, lever, seconds)
+    result = Result(measured={"silence": seconds})
+    by_itself = STOPPED in " ".join([*run.report, str(run.outcome.error or "")])
+    rows = {row[0]: row for row in probe.rows}
+    if not by_itself and "after" not in rows:
+        return failed(result, block, run)
+    stopped = by_itself
+    if not by_itself:
+        held, after = rows["held"], rows["after"]
+        frequency = math.sqrt(GRAVITY / lever.length)
+        stopped = math.hypot(after[1] - held[1], after[4] / frequency) > FALLEN_SHARE * abs(held[1])
+    result.measured["stopped"] = float(stopped)
+    result.says.append(
+        f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
+    )
+    if own is not None and not stopped:
+        result.find(
+            "no time-out",
+            f"the drive held its torque for {seconds:.2f} s without frames, and its time-out is set to {own:g} s: rely "
+            "on the guardian alone, or update the firmware",
+        )
+    elif own is None and not stopped:
+        result.says.append("it has no time-out, or a longer one: if computer and cable fail, it does not stop")
+    return result
+
+
+def at_end(probe: Probe) -> bool:
+    """Return whether a probe has measured both directions."""
+    return any(row[0] == "-" for row in probe.rows)
+
+
+def failed(result: Result, block: Any, run: RunResult) -> Result:
+    """Return a result with the fault that ended a run."""
+    words = "; ".join(" ".join(line.split()) for line in run.report) or str(run.outcome.error or run.outcome.status)
+    result.find("fault of the run", f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
+    return result
+
+
+def rated_of(block: Any) -> float:
+    """Return the rated torque at the joint in N·m; the limit of the diagram where none is published."""
+    rated = block.spec.rated
+    return block.torque_limit if rated is None else rated * block.gear_ratio
+
+
+def lever_of(block: Any) -> Lever | None:
+    """Return the Lever that the operator mounts, None without one."""
+    wanted = USED_SHARE * rated_of(block) / STEEPEST
+    mass = number(
+        f"Hang a lever with a weight from the output of {block.path}, free to swing; mass × length about "
+        f"{wanted / GRAVITY:.2g} kg·m or more. Its mass in kg (empty: no lever)"
+    )
+    length = None if mass is None else number("Distance from the axis to the centre of the mass in m")
+    if mass is None or length is None:
+        return None
+    print_to_stderr([f"  the lever gives {mass * GRAVITY * length:.2f} N·m when it is horizontal"])
+    return Lever(mass, length)
+
+
+def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple[Probe, RunResult]:
+    """Run a Probe on one drive, with a guardian, after the operator's Enter. Returns (Probe, Result of the run)."""
+    from runtime.robot.rig.buses import RigBuses
+    from runtime.robot.rig.overrides import override
+    from runtime.session.prepare import Prepared
+    from runtime.session.request import Request
+    from runtime.session.session import Session
+
+    bench.release()
+    diagram, probe = diagram_of(block, lever, silence)
+    rig = replace(bench.rig, devices={})
+    override(replace(rig, buses={block.bus: rig.buses[block.bus]}), diagram)
+    schedule = compile_diagram(bench.file, diagram)
+    request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True)
+    ticks = math.ceil(probe.duration * RATE)
+    run = Session(
+        Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks), print_to_stderr
+    ).carry_out()
+    if run.outcome.stopped:
+        raise Interrupted(signal.SIGINT)
+    raise_if_ended_by_signal(run.outcome)
+    return probe, run
+
+
+def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe]:
+    """Return (Diagram, its Probe) of one drive with the parameters of the robot's, limited to LIMIT_SHARE."""
+    limit = LIMIT_SHARE * rated_of(block)
+    wanted = min(USED_SHARE * rated_of(block), STEEPEST * lever.torque)
+    own = {name: getattr(block, name) for name in block.parameters}
+    changed = {"limit": limit, "zero_at_arming": False, "timeout": max(own["timeout"], 2.0 * silence)}
+    changed |= {name: block.parameters[name].default for name in ("reference", "known_pose") if name in own}
+    if "mode" in own:
+        changed["mode"] = block.parameters["mode"].default
+    with Diagram("commission", rate=RATE) as diagram:
+        joint = type(block)(**own | changed, name="joint")
+        constant = {} if "torque_command" in joint.inputs else {"constant": joint.scales[2]}
+        probe = Probe(wanted=wanted, largest=limit, lever=lever.torque, silence=silence, name="probe", **constant)
+        command, current, lost = probe(joint.position, joint.velocity, joint.torque)
+        EmergencyStop(name="lever_swings")(lost)
+        if "torque_command" in joint.inputs:
+            joint(torque_command=Saturation(lower=-limit, upper=limit)(command))
+        else:
+            most = joint.command_limits()["current_command"].high
+            joint(current_command=Saturation(lower=-most, upper=most)(current))
+    return diagram, probe

@@ -1,0 +1,175 @@
+"""Steps in which nothing moves: identity, bus, replies and errors. The drives receive only their disable frame."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Result, Sample, confirmed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+REPLIES = 150  # queries
+QUERY_TIME = 0.4  # s of queries to all drives of a bus
+REPLY_TIMEOUT = 0.1  # s
+LOST_SHARE = 0.02  # of the replies, above which a bus has a fault
+SLOW_SHARE = 0.5  # of the period, median reply time above which a drive is slow
+ZERO_SILENCE = 0.1  # s without a reply after its zero was set, above which a drive counts as silent
+ZERO_LIMIT = 2.5  # s
+
+
+def identity(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare what responds at the drive's id with its block: protocol, number of drives, firmware, serial number."""
+    report, result = bench.report(block.bus), Result()
+    here = [drive for drive in report.drives if drive.can_id == block.can_id]
+    if report.commanded:
+        result.find("another controller", report.remarks[-1])
+        return result
+    twins = [remark for drive in here for remark in drive.remarks if "have id" in remark]
+    on_bus = [each for each in bench.drives if each.bus == block.bus]
+    lost = [path for path, samples in bench.for_seconds(QUERY_TIME, on_bus).items() if not samples]
+    if twins:
+        result.find("two drives with one id", twins[0])
+    elif block.path in lost and here:
+        found = " and ".join(dict.fromkeys(drive.family for drive in here))
+        result.find(
+            "protocol",
+            f"id {block.can_id} responds as {found}, and the diagram has a {type(block).__name__}: change the "
+            "protocol of the drive or the block",
+        )
+    elif block.path in lost:
+        ids = ", ".join(str(drive.can_id) for drive in report.drives) or "none"
+        result.find("silent", f"no drive responds as id {block.can_id} on {block.bus}; ids that respond: {ids}")
+        if 1 < len(lost) < len(on_bus):
+            result.find(
+                "part of a bus",
+                f"{', '.join(lost)} are silent, and the other drives of {block.bus} respond: check the cable and the "
+                "supply between the two groups",
+            )
+    own = [] if block.path in lost else here
+    for drive in own:
+        result.says += [f"{drive.family}, firmware {drive.firmware or 'not reported'}"] + drive.notes
+        for remark in drive.remarks:
+            if remark not in twins:
+                result.find("identity", remark)
+        reply = drive.settings.get("reply", getattr(block, "reply", None))
+        if reply != getattr(block, "reply", None):
+            result.find("length of replies", f"the drive replies with {reply} bytes", reply=reply)
+    return result
+
+
+def bus(bench: Bench, block: Any, given: Given) -> Result:
+    """Count errors of the bus while it is idle and at the rate of the diagram, and measure the time to a reply."""
+    bench.take()
+    tool, query, result = bench.buses[block.bus], bench.queries[block.path], Result()
+    before, corrupt = tool.errors, tool.wire.counts.get("corrupt", 0)
+    reports = [frame for frame in tool.listen(0.3) if query.read(*frame)]
+    idle = tool.errors - before
+    times, lost = [], 0
+    for _ in range(REPLIES):
+        due = time.monotonic() + bench.period
+        tool.take()
+        began = time.monotonic()
+        tool.send(query.frame, "disable")
+        reply = tool.listen(REPLY_TIMEOUT, lambda frames: any(query.read(*frame) for frame in frames))
+        if any(query.read(*frame) for frame in reply):
+            times.append(time.monotonic() - began)
+        else:
+            lost += 1
+            if lost > REPLIES * 0.2 and not times:
+                break
+        time.sleep(max(0.0, due - time.monotonic()))
+    loaded = tool.errors - before - idle
+    corrupt = tool.wire.counts.get("corrupt", 0) - corrupt
+    result.measured = {"errors_idle": idle, "errors_loaded": loaded, "lost": lost, "queries": len(times) + lost}
+    if times:
+        times.sort()
+        p50, p99 = times[len(times) // 2], times[min(len(times) - 1, int(0.99 * len(times)))]
+        result.measured |= {"reply_p50": p50, "reply_p99": p99}
+        result.says.append(
+            f"{len(times)} of {len(times) + lost} replies, after {p50 * 1e3:.2f} ms (median) and {p99 * 1e3:.2f} ms "
+            f"(99 %); errors of the bus: {idle} idle, {loaded} at {1.0 / bench.period:g} Hz"
+        )
+        transit = max(getattr(block, "max_transit", bench.period), bench.period)
+        if not reports and p50 > max(SLOW_SHARE * bench.period, transit):
+            result.find(
+                "slow replies",
+                f"half of the replies take more than {p50 * 1e3:.1f} ms, a tick {bench.period * 1e3:g} ms: update the "
+                f"firmware, or reduce the rate to {0.3 / p50:.0f} Hz",
+            )
+    if lost > LOST_SHARE * REPLIES:
+        result.find(
+            "lost replies",
+            f"{lost} of {len(times) + lost} queries had no reply: check the termination (60 Ω between CAN_H and CAN_L "
+            "without supply), the plugs and the cable",
+        )
+    if idle + loaded or corrupt:
+        result.find(
+            "bus errors",
+            f"{idle} error frames while idle, {loaded} at {1.0 / bench.period:g} Hz, {corrupt} corrupt frames: check "
+            "termination, shield and a common ground",
+        )
+    return result
+
+
+def state(bench: Bench, block: Any, given: Given) -> Result:
+    """Read error, temperature and noise of the encoder of a drive at rest."""
+    samples, result = bench.at_rest(block), Result()
+    last = samples[-1].answer
+    spread = noise_of(samples)
+    result.measured = {"noise": spread}
+    if last.temperature is not None:
+        result.measured["temperature"] = last.temperature
+        result.says.append(f"{last.temperature:.0f} °C")
+    result.says.append(f"position within {spread * 1e3:.1f} mrad at rest")
+    if spread > NOISE:
+        result.find(
+            "noisy position",
+            f"the reading moves by {spread:.3f} rad while the joint rests: check that it is still, then the ground, "
+            "the shield and the magnet of the encoder",
+        )
+    faults = list(dict.fromkeys(sample.answer.fault for sample in samples if sample.answer.fault))
+    for fault in faults:
+        contradicted = block.other_errors(fault, last.temperature) if hasattr(block, "other_errors") else ""
+        if contradicted:
+            result.find(
+                "error semantics",
+                f"the drive reports {fault!r} at {last.temperature:.0f} °C: the error byte of this firmware is a "
+                f"{contradicted}",
+                errors=contradicted,
+            )
+        else:
+            result.find("fault", f"the drive reports: {fault}")
+    return result
+
+
+def noise_of(samples: Sequence[Sample]) -> float:
+    """Return the range of positions in rad at rest, without the largest and smallest hundredth."""
+    positions = sorted(sample.position for sample in samples)
+    edge = len(positions) // 100
+    return positions[-1 - edge] - positions[edge]
+
+
+def zero(bench: Bench, block: Any, given: Given) -> Result:
+    """Set the zero of a drive that sets it at every arming, and measure for how long it is silent."""
+    frame = block.set_zero_frame() if getattr(block, "zero_at_arming", False) else None
+    if frame is None:
+        return Result(["its zero is not set at arming"], done=False)
+    if not confirmed("make the present position the zero of the drive, as every arming does"):
+        return Result(["the zero was not set"], done=False)
+    bench.at_rest(block)
+    bench.buses[block.bus].send(frame, "set zero")
+    began = time.monotonic()
+    replies = [sample.time - began for sample in bench.for_seconds(ZERO_LIMIT, [block])[block.path]]
+    gaps = [after - before for before, after in zip([0.0, *replies], [*replies, ZERO_LIMIT])]
+    silence, result = max(gaps), Result()
+    result.measured = {"silence": silence}
+    result.says.append(f"longest silence after its zero was set: {silence:.2f} s")
+    if silence > ZERO_SILENCE:
+        result.find(
+            "silent after zero",
+            f"the drive does not reply for {silence:.2f} s after its zero was set: a run that arms meanwhile ends as "
+            "silent. Set the zero with `configure --zero`, and omit zero_at_arming",
+        )
+    return result

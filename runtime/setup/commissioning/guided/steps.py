@@ -1,0 +1,48 @@
+"""The steps of commissioning a drive, in their order, and what they need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from runtime.setup.commissioning.guided import by_hand, driven, passive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from runtime.setup.commissioning.guided.bench import Bench, Given, Result
+
+NOTHING = "nothing moves: only disable frames are sent"
+BY_HAND = "you move the joint; its motor is off"
+BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
+LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    does : what it does; moves : what could move; carry_out : (Bench, block, Given) -> Result
+    driven : whether it enables the motor, which every finding before prevents
+    vital : whether a finding ends the commissioning of the device
+    """
+
+    name: str
+    does: str
+    moves: str
+    carry_out: Callable[[Bench, Any, Given], Result]
+    driven: bool = False
+    vital: bool = False
+
+
+STEPS = (
+    Step("identity", "protocol, ids, firmware", NOTHING, passive.identity, vital=True),
+    Step("bus", "errors of the bus, replies and their time", NOTHING, passive.bus),
+    Step("state", "errors and noise at rest", NOTHING, passive.state),
+    Step("zero", "silence after its zero is set", NOTHING, passive.zero),
+    Step("pose", "zero of the joint", BY_HAND, by_hand.pose),
+    Step("turn", "direction, encoded ranges and wraps", BY_HAND, by_hand.turn),
+    Step("motion", "range of the joint", BY_HAND, by_hand.motion),
+    Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
+    Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
+)

@@ -1,0 +1,64 @@
+"""Records of commissioning: readable files beside a rig, and when they apply."""
+
+import datetime
+
+import pytest
+
+from blocks.actuators import CubeMars
+from graph import Diagram
+from runtime.host.errors import BadInput
+from runtime.robot.rig import records
+from runtime.robot.rig.records import Record, StepRecord, digest, records_of, settings_of, write
+
+
+def knee(**parameters):
+    with Diagram("robot", rate=200):
+        return CubeMars("AK80-9", bus="legs", can_id=3, name="knee", **parameters)
+
+
+def record(serial="A 1", **changed):
+    found = [("direction", "reversed")]
+    step = StepRecord("2026-12-01 14:02", records.DIFFERS, {"turned": -1.57}, ['says "so"'], found)
+    signed = {"name": "E. Person", "date": "2026-12-01"}
+    fields = {"device": "knee", "block": "CubeMars", "model": "AK80-9", "settings": settings_of(knee()), **changed}
+    return Record(serial, signed=signed, steps={"turn": step}, **fields)
+
+
+def test_a_record_is_read_as_it_was_written(tmp_path):
+    rig = tmp_path / "lab.toml"
+    path = write(rig, record())
+    assert path == tmp_path / "lab.records" / "A_1.toml"
+    found = records_of(rig)["knee"]
+    assert found.text() == record().text() and found.findings == [["direction", "reversed"]]
+    assert digest({"knee": found}) == digest({"knee": record()}) != digest({"knee": record(firmware="2")})
+
+
+def test_the_newest_record_of_a_joint_counts(tmp_path):
+    for serial, date in (("B", "2026-12-02"), ("A", "2026-12-03"), ("C", "2026-12-01")):
+        unit = record(serial)
+        unit.signed["date"] = date
+        write(tmp_path / "lab.toml", unit)
+    assert records_of(tmp_path / "lab.toml")["knee"].serial == "A"
+
+
+@pytest.mark.parametrize(
+    "block, days, reason",
+    [
+        ({}, 0, None),
+        ({"can_id": 4}, 0, "was measured with can_id = 3"),
+        ({"invert": True}, 0, "was measured with invert = false"),
+        ({}, 181, "is 181 days old"),
+    ],
+)
+def test_a_record_applies_while_unit_and_parameters_are_the_same_and_it_is_fresh(block, days, reason):
+    with Diagram("robot", rate=200):
+        joint = CubeMars("AK80-9", bus="legs", **{"can_id": 3, **block}, name="knee")
+    today = datetime.date(2026, 12, 1) + datetime.timedelta(days)
+    assert record().mismatches(joint, today) == ([reason] if reason else [])
+    assert record(device="hip").mismatches(knee(), today)[0] == "was measured at hip"
+
+
+@pytest.mark.parametrize("text", ["version = 2\n", "version = 1\n", "no TOML"])
+def test_another_file_is_refused(tmp_path, text):
+    with pytest.raises(BadInput, match="is not a record of `commission`"):
+        records.of_text(text, tmp_path / "x.toml")
