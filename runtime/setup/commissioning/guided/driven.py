@@ -34,6 +34,7 @@ SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
 RATE = 200.0  # Hz
 SILENCE = 0.4  # s without frames, for a drive without a declared time-out
 FALLEN_SHARE = 0.3  # of the deflection
+AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
 STOPPED = "has stopped by itself"
 NO_LEVER = "without a lever nothing was measured"
 
@@ -103,7 +104,7 @@ class Probe(Block):
                 self.rows.append(("held", deflection, self.command, reported, velocity))
                 time.sleep(self.silence)
                 return self.command, self.command / self.constant, False
-            if self.hushed and self.rows[-1][0] == "held":
+            if self.hushed and len([row for row in self.rows if row[0] == "after"]) < AFTER_TICKS:
                 self.rows.append(("after", deflection, self.command, reported, velocity))
             self.command = 0.0
         if self.ends[1] + 0.3 * HOLD_TIME < local < self.ends[2]:
@@ -159,14 +160,15 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
     probe, run = drive(bench, block, lever, seconds)
     result = Result(measured={"silence": seconds})
     by_itself = STOPPED in " ".join([*run.report, str(run.outcome.error or "")])
-    rows = {row[0]: row for row in probe.rows}
-    if not by_itself and "after" not in rows:
+    held = [row for row in probe.rows if row[0] == "held"]
+    after = [row for row in probe.rows if row[0] == "after"]
+    if not by_itself and not after:
         return failed(result, block, run)
     stopped = by_itself
     if not by_itself:
-        held, after = rows["held"], rows["after"]
-        frequency = math.sqrt(GRAVITY / lever.length)
-        stopped = math.hypot(after[1] - held[1], after[4] / frequency) > FALLEN_SHARE * abs(held[1])
+        angle, frequency = held[0][1], math.sqrt(GRAVITY / lever.length)
+        furthest = max(math.hypot(row[1] - angle, row[4] / frequency) for row in after)
+        stopped = furthest > FALLEN_SHARE * abs(angle)
     result.measured["stopped"] = float(stopped)
     result.says.append(
         f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
@@ -190,7 +192,8 @@ def at_end(probe: Probe) -> bool:
 def failed(result: Result, block: Any, run: RunResult) -> Result:
     """Return a result with the fault that ended a run."""
     words = "; ".join(" ".join(line.split()) for line in run.report) or str(run.outcome.error or run.outcome.status)
-    result.find("fault of the run", f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
+    name = "setting not kept" if "was written" in words else "fault of the run"
+    result.find(name, f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
     return result
 
 

@@ -63,6 +63,7 @@ def bus(bench: Bench, block: Any, given: Given) -> Result:
     """Count errors of the bus while it is idle and at the rate of the diagram, and measure the time to a reply."""
     bench.take()
     tool, query, result = bench.buses[block.bus], bench.queries[block.path], Result()
+    tool.listen(REPLY_TIMEOUT)  # replies to earlier queries
     before, corrupt = tool.errors, tool.wire.counts.get("corrupt", 0)
     reports = [frame for frame in tool.listen(0.3) if query.read(*frame)]
     idle = tool.errors - before
@@ -92,7 +93,7 @@ def bus(bench: Bench, block: Any, given: Given) -> Result:
             f"(99 %); errors of the bus: {idle} idle, {loaded} at {1.0 / bench.period:g} Hz"
         )
         transit = max(getattr(block, "max_transit", bench.period), bench.period)
-        if not reports and p50 > max(SLOW_SHARE * bench.period, transit):
+        if len(reports) < 3 and p50 > max(SLOW_SHARE * bench.period, transit):
             result.find(
                 "slow replies",
                 f"half of the replies take more than {p50 * 1e3:.1f} ms, a tick {bench.period * 1e3:g} ms: update the "
