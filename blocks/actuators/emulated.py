@@ -42,8 +42,8 @@ class Emulated(Ranges):
     torque_scale = Param(
         1.0,
         "1",
-        "torque of the motor over the torque that the drive computes and reports, as with another torque constant",
-        above=0.0,
+        "torque of the motor over the torque that the drive computes and reports, as with another torque constant; "
+        "negative: against its encoder",
         fixed=True,
     )
     wrap = Param(
@@ -122,5 +122,5 @@ class Emulated(Ranges):
     def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         """Return the ranges of torque and enabled."""
         peak: Any = self.peak
-        peak *= self.torque_scale
+        peak *= abs(self.torque_scale)
         return {"torque": Interval(-peak, peak), "enabled": Interval(0.0, 1.0)}

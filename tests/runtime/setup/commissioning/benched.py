@@ -9,8 +9,10 @@ import os
 import re
 import time
 
+import can
+
 from tests.runtime.runs import started, write
-from tests.runtime.setup.commissioning.nodes import Mit, Nodes, channel
+from tests.runtime.setup.commissioning.nodes import Mit, Node, Nodes, channel
 from tests.runtime.terminals import Terminal
 
 LENGTH = 0.2  # m of the lever
@@ -77,7 +79,7 @@ def plant(robot):
             moved = faults.pop("moved_by", name)
             drive = robot[name]
             with subsystem(name):
-                faults.pop("twin", None)
+                faults.pop("twin", faults.pop("ground", None))
                 if faults.pop("absent", False):
                     continue
                 if kind:
@@ -91,6 +93,16 @@ def plant(robot):
 '''
 
 
+class ErrorFrames(Node):
+    """Node that destroys frames, as a bus without a common ground does."""
+
+    period = 0.02
+
+    def speak(self):
+        self.bus.send(can.Message(is_error_frame=True, arbitration_id=0x80, data=bytes(8)))
+        return []
+
+
 class Benched:
     """Emulated drives and the rig file. drives : {name: (block, model, id, faults, settings)}"""
 
@@ -100,7 +112,8 @@ class Benched:
         self.rig = write(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n', "lab.toml")
         self.hand = {name: {"hold": 0.0} for name in drives}
         self.move({})
-        twins = [Mit(can_id) for _, _, can_id, faults, _ in drives.values() if "twin" in faults]
+        twins: list = [Mit(can_id) for _, _, can_id, faults, _ in drives.values() if "twin" in faults]
+        twins += [ErrorFrames()] * any("ground" in faults for _, _, _, faults, _ in drives.values())
         self.twins = Nodes(number, *twins)
 
     def __enter__(self):

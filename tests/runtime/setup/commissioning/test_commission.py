@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from blocks import actuators as actuators_module
 from blocks.actuators import CubeMars
 from graph import Diagram
 from runtime.robot.rig.records import AGREES, Record, StepRecord, settings_of, write
@@ -48,3 +49,86 @@ def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path,
         assert frames[-1] == DISABLE and ENABLE not in frames[frames.index(ENABLE) + 60 :]
         assert code not in (0, 1) and "torque" not in bench.records()["knee"].steps
         assert 0.0 < bench.torque("knee") <= 0.05 * 9.0
+
+
+MIT = {  # {drive: ((block, model, id, faults of the emulator, parameters of the block), name of the finding)}
+    "position": (("CubeMars", "AK80-9", 1, {"wire_position": 15.0}, {}), "position range"),
+    "velocity": (("CubeMars", "AK80-9", 2, {"wire_velocity": 33.0}, {}), "velocity range"),
+    "firmware": (("CubeMars", "AK40-10", 3, {"ranges": "manual"}, {}), "encoded ranges"),
+    "reverse": (("CubeMars", "AK80-9", 4, {"invert": True}, {}), "direction"),
+    "zero": (("CubeMars", "AK80-9", 5, {"offset": 0.4}, {}), "zero"),
+    "output": (("CubeMars", "AK80-9", 6, {"wrap": 1.5}, {}), "wraps"),
+    "gear": (("CubeMars", "AK80-9", 7, {"wrap": 0.698}, {}), "wraps"),
+    "mask": (("CubeMars", "AK80-9", 8, {"errors": "mask", "inputs": {"temperature": 85.0}}, {}), "error semantics"),
+    "code": (("CubeMars", "AK40-10", 9, {"errors": "code", "inputs": {"fault": 4}}, {}), "error semantics"),
+    "fault": (("CubeMars", "AK80-9", 10, {"inputs": {"fault": 5}}, {}), "fault"),
+    "stuck": (("CubeMars", "AK80-9", 11, {"inputs": {"stuck_encoder": True}}, {}), "encoder"),
+    "mute": (("CubeMars", "AK80-9", 12, {"zero_silence": 1.0}, {"zero_at_arming": True}), "silent after zero"),
+    "left": (("CubeMars", "AK80-9", 13, {"moved_by": "right"}, {}), "exchanged"),
+    "right": (("CubeMars", "AK80-9", 14, {"moved_by": "left"}, {}), "exchanged"),
+}
+PROTOCOLS = {
+    "servo": (("CubeMars", "AK80-9", 1, {"kind": "CubeMarsServo"}, {}), "protocol"),
+    "private": (("CubeMars", "AK80-9", 2, {"kind": "RobStride", "other": "RS02"}, {}), "protocol"),
+    "mit": (("RobStride", "RS02", 3, {"kind": "RobStrideMIT"}, {}), "protocol"),
+    "newer": (("CubeMars", "AK80-9", 4, {"kind": "CubeMarsV3", "other": "AK80-9-V3.0"}, {}), "protocol"),
+    "absent": (("CubeMars", "AK80-9", 5, {"absent": True}, {}), "silent"),
+    "gone": (("CubeMars", "AK80-9", 6, {"absent": True}, {}), "part of a bus"),
+    "twin": (("CubeMars", "AK80-9", 7, {"twin": True}, {}), "two drives with one id"),
+    "half": (("CubeMars", "AK80-9", 8, {"inputs": {"dropped": 0.2}}, {}), "lost replies"),
+    "slow": (("CubeMars", "AK80-9", 9, {"inputs": {"delay": 0.02}}, {}), "slow replies"),
+    "noisy": (("CubeMars", "AK80-9", 10, {"noise": 0.05}, {}), "noisy position"),
+    "ranges": (("RobStrideMIT", "RS04", 11, {"ranges": "private"}, {}), "encoded ranges"),
+    "position": (("RobStride", "RS02", 12, {"wire_position": 13.1}, {}), "position range"),
+    "velocity": (("RobStride", "RS02", 13, {"wire_velocity": 33.0}, {}), "velocity range"),
+    "poles": (("CubeMarsServo", "AK60-6-V1.1", 14, {"pole_pairs": 21}, {}), "velocity range"),
+    "board": (("CubeMarsV3", "AK80-9-V3.0", 15, {"wrap": 0.698}, {}), "wraps"),
+    "cyber": (("RobStride", "CyberGear", 16, {"invert": True}, {}), "direction"),
+}
+TORQUE = {
+    "weak": (("RobStride", "RS02", 1, {"torque_scale": 0.8}, {}), "torque constant"),
+    "strong": (("CubeMars", "AK80-9", 2, {"torque_scale": 1.2}, {}), "torque constant"),
+    "wire": (("CubeMars", "AK80-9", 3, {"wire_torque": 72.0}, {}), "torque constant"),
+    "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
+    "ampere": (("CubeMarsServo", "AK60-6-V1.1", 5, {"torque_scale": 0.7}, {}), "torque constant"),
+    "timeless": (("RobStride", "RS02", 6, {"ignores": ("canTimeout",)}, {}), "setting not kept"),
+    "dead": (("CubeMarsV3", "AK80-9-V3.0", 7, {"torque_scale": 0.01}, {}), "no torque"),
+}
+HEALTHY = {
+    "mit": (("CubeMars", "AK80-9", 1, {}, {}), None),
+    "mask": (("CubeMars", "AK40-10", 2, {}, {}), None),
+    "servo": (("CubeMarsServo", "AK60-6-V1.1", 3, {}, {}), None),
+    "board": (("CubeMarsV3", "AK80-9-V3.0", 4, {}, {}), None),
+    "private": (("RobStride", "RS02", 5, {}, {}), None),
+    "cyber": (("RobStride", "CyberGear", 6, {}, {}), None),
+    "robstride": (("RobStrideMIT", "RS04", 7, {}, {}), None),
+}
+GROUND = {"ground": (("CubeMars", "AK80-9", 1, {"ground": True}, {}), "bus errors")}
+PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    "number, drives, words",
+    [(114, MIT, PASSIVE), (115, PROTOCOLS, PASSIVE), (116, TORQUE, ()), (117, HEALTHY, ()), (118, GROUND, PASSIVE)],
+    ids=["MIT mode", "protocols and buses", "torque", "healthy", "ground"],
+)
+def test_each_fault_is_named_before_5_percent_of_the_rated_torque_and_none_is_invented(tmp_path, number, drives, words):
+    with Benched(tmp_path, number, {name: spec for name, (spec, _) in drives.items()}) as bench:
+        code, shown = bench.commission(*words, timeout=500.0)
+        records = bench.records()
+        missed = {
+            name: (wanted, records[name].findings if name in records else "no record")
+            for name, (_, wanted) in drives.items()
+            if name not in records or wanted not in ([found for found, _ in records[name].findings] or [None])
+        }
+        assert not missed, (missed, shown[-2000:])
+        assert code == (0 if drives is HEALTHY else 1)
+        for name, ((block, model, *_), _) in drives.items():
+            with Diagram("bench", rate=200):
+                rated = getattr(actuators_module, block)(model, can_id=1, range=(-6.0, 6.0), name=name).spec.rated
+            assert bench.torque(name) <= 0.05 * rated, name
+            driven = drives in (HEALTHY, TORQUE) and name != "timeless"
+            assert (bench.torque(name) > 0.0) == driven, name
+            if drives is HEALTHY:
+                assert {step.verdict for name, step in records[name].steps.items() if name != "zero"} == {AGREES}
