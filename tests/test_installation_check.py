@@ -7,12 +7,14 @@ import subprocess
 import sys
 from importlib import import_module
 from importlib.metadata import files
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 from runtime.host import installation_check
 from tests.checkout import ROOT, RUN, assert_one_line, copy_packages, python
+from tests.soaking import soaked
 from tests.test_packaging import PYPROJECT, canonical
 
 
@@ -323,14 +325,7 @@ MODULES = ("runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runti
 MODULES += ("graph/schedule", "graph/diagram", "runtime/host/interrupts", "shared")
 
 
-@pytest.mark.parametrize(
-    "module, changed",
-    [  # each module with one of the changes, one module with all of them; the rest is soaked
-        pytest.param(module, changed, marks=[] if place == 3 or number == place % 3 else pytest.mark.soak)
-        for place, module in enumerate(MODULES)
-        for number, changed in enumerate(CHANGES)
-    ],
-)
+@pytest.mark.parametrize("module, changed", soaked(list(product(MODULES, CHANGES)), but=[2, 9, 13, 25]))
 def test_a_damaged_bytecode_cache_is_named_with_its_remedy(module, changed, warm):
     root = warm if module == "shared" else ROOT
     [cache] = (warm / "caches" / root.relative_to("/")).glob(f"{module}.cpython*.pyc")

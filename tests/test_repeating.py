@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from tests.checkout import ROOT
+from tests.soaking import soaked
 from tests.standstill import FILE
 
 # A processor stands still for the process that watches it while that one is suspended.
@@ -49,9 +50,10 @@ def test_another(fresh):
 """
 
 
-@pytest.mark.parametrize("words", [(), ("-n", "1")], ids=["alone", "workers"])
+@pytest.mark.parametrize("words", soaked([[], ["-n", "1"]], but=[0]), ids=["alone", "workers"])
 @pytest.mark.parametrize(
-    "still, failures, code, made", [(True, 1, 0, 1), (True, 2, 0, 2), (True, 3, 1, 2), (False, 1, 1, 0)]
+    "still, failures, code, made",
+    soaked([(True, 1, 0, 1), (True, 2, 0, 2), (True, 3, 1, 2), (False, 1, 1, 0)], but=[0, 3]),
 )
 def test_a_failure_while_the_machine_stands_still_is_no_failure(tmp_path, still, failures, code, made, words):
     if not can_watch():

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from tests.checkout import ROOT
+from tests.soaking import soaked
 
 ALL = "import pytest\n\n@pytest.mark.skip(reason='no fuzzer')\ndef test_a():\n    pass\n"
 SOME = ALL + "\ndef test_b():\n    pass\n"
@@ -14,7 +15,8 @@ MODULE = "import pytest\n\npytest.importorskip('no_such_library')\n\ndef test_a(
 
 
 @pytest.mark.parametrize(
-    "text, setting, code", [(ALL, "error", 1), (MODULE, "error", 1), (SOME, "error", 0), (ALL, "", 0), (MODULE, "", 5)]
+    "text, setting, code",
+    soaked([(ALL, "error", 1), (MODULE, "error", 1), (SOME, "error", 0), (ALL, "", 0), (MODULE, "", 5)], but=[0, 2]),
 )
 def test_a_file_of_skipped_tests_is_an_error_where_tools_are_required(tmp_path, text, setting, code):
     (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text())

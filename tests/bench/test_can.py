@@ -19,6 +19,8 @@ from tests.bench import can_cost
 from tests.bench.c_program import build
 from tests.blocks.running import player, run
 
+pytestmark = pytest.mark.soak
+
 needs_compiler = pytest.mark.skipif(
     shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler"
 )

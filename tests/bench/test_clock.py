@@ -11,8 +11,9 @@ from runtime.setup.bench import clock
 from tests.bench import c_clock, costs
 from tests.bench.c_program import build
 
+pytestmark = pytest.mark.soak
 
-@pytest.mark.soak
+
 def test_bench_clock_reports_both_loops_at_every_rate_and_costs_of_a_tick(bench, tmp_path):
     code, out, err = bench("clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")
     assert (code, err) == (OK, "")
@@ -55,6 +56,5 @@ def test_a_stall_of_the_loop_in_c_is_counted_from_the_grid_point_that_was_awaite
     assert late.tolist() == [10, 20, 2500, 30] and off.tolist() == [10, 2480, 470] and missed == 2
 
 
-@pytest.mark.soak
 def test_memory_does_not_grow_with_the_number_of_ticks():
     assert abs(costs.growth(few=10_000, many=1_000_000)) <= 2**20

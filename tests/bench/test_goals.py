@@ -2,9 +2,13 @@
 
 import json
 
+import pytest
+
 from runtime.host.errors import BAD_INPUT, OK
 from runtime.setup.bench import blocks
 from tests.bench.goals import GOALS, Goal
+
+pytestmark = pytest.mark.soak
 
 
 def test_a_goal_compares_its_value_with_the_bound():

@@ -8,7 +8,7 @@ from blocks.families import benchmark
 from runtime.host.errors import OK
 from tests.bench import sensors
 
-pytestmark = pytest.mark.timing
+pytestmark = [pytest.mark.timing, pytest.mark.soak]
 
 
 def test_bench_sensors_reports_cost_and_losses(bench):

@@ -6,8 +6,9 @@ import pytest
 
 from runtime.host.errors import BAD_INPUT, OK
 
+pytestmark = pytest.mark.soak
 
-@pytest.mark.soak
+
 def test_starting_is_measured_from_outside(bench):
     code, out, err = bench("start", "--repeats", "1")
     assert (code, err) == (OK, "")

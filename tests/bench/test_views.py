@@ -7,8 +7,9 @@ import pytest
 from runtime.host.errors import OK
 from tests.bench import views, views_process
 
+pytestmark = pytest.mark.soak
 
-@pytest.mark.soak
+
 def test_lateness_is_reported_with_every_viewer_and_with_none(bench, tmp_path):
     code, out, err = bench("views", "--seconds", "0.3", "--repeats", "1", "--json")
     report = json.loads(out)

@@ -30,6 +30,7 @@ def callables(nodes, owner):
                 yield node.name, [each.arg for each in parameters], compiled
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", SOURCES)
 def test_stub_of_native_module_is_fresh(name):
     path = SOURCES[name].with_suffix(".pyi")

@@ -23,6 +23,7 @@ from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
 from tests.shared import shared
+from tests.soaking import crossed
 
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
@@ -51,9 +52,9 @@ def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monk
     assert differ == [] and any(name.startswith("plant/") for name in fused.signals)
 
 
-@pytest.mark.parametrize("mass, speed", WALKERS)
-@pytest.mark.parametrize("robot", CLAIMS)
-def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_with_walking(robot, mass, speed):
+@pytest.mark.parametrize("robot, walker", crossed(CLAIMS, WALKERS))
+def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_with_walking(robot, walker):
+    mass, speed = walker
     schedule = f"0:0 0.5:0 2:{speed} 16:{speed} 17:0"
     trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": schedule, "seed": mass})
     assert trial.fault is None

@@ -25,6 +25,7 @@ def in_tree(path):
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("path", MODULES.values(), ids=in_tree)
 def test_the_stub_of_a_module_is_fresh(path):
     module, target = importlib.import_module(in_tree(path)), path.with_suffix(".pyi")

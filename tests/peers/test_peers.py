@@ -15,6 +15,8 @@ from tests.peers.__main__ import OURS, PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check
 from tests.peers.by_hand import PlainPython, StraightC
 
+pytestmark = pytest.mark.soak
+
 NETLISTS = [netlists.knee(), netlists.wide(), netlists.wide6(), netlists.chain()]
 
 

@@ -10,6 +10,7 @@ import pytest
 from graph import Diagram
 from tests.cext.rigs import Rig
 from tests.own_drives import FAMILIES, OwnDrive, Wired
+from tests.soaking import crossed
 
 RATE, PLANT = 200, 2000
 COMMANDS = {name: RATE for name in FAMILIES}
@@ -50,9 +51,7 @@ def own(name, **options):
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("hold", HOLDS)
-@pytest.mark.parametrize("times", [1, 2, 5, 10])
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name, times, hold", crossed(FAMILIES, [1, 2, 5, 10], HOLDS))
 def test_a_drive_that_misses_the_stop_and_reports_by_itself_is_not_confirmed(name, times, hold):
     always = name in ("v3 reports", "servo")  # more often than it states is another drive
     rate = min(times * RATE, 500.0) if always else times * RATE
@@ -97,16 +96,14 @@ def test_a_healthy_drive_is_confirmed_within_four_rounds(name, before):
     assert stops[-1] - stops[0] <= 20_000_000
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("delay", [0.008, 0.016, 0.030])
+@pytest.mark.parametrize("name, delay", crossed(FAMILIES, [0.008, 0.016, 0.030]))
 def test_a_healthy_drive_with_late_replies_is_confirmed_within_the_limit(name, delay):
     drive = own(name)
     outcome, _ = run(name, [drive], ticks=60, wired={"transit": lambda: round(delay * 1e9)})
     assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0
 
 
-@pytest.mark.parametrize("rate", [100, 200, 500, 1000])
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name, rate", crossed(FAMILIES, [100, 200, 500, 1000]))
 def test_a_healthy_drive_with_random_transits_runs_and_is_confirmed(name, rate):
     """Of at most 5 ms in each direction, in the order in which the frames were sent."""
     for seed in range(5):
@@ -156,9 +153,7 @@ def bursts(burst, start):
     return {"burst": round(burst * 1e9), "burst_from": round(start * 1e9)}
 
 
-@pytest.mark.parametrize("start", FROM)
-@pytest.mark.parametrize("burst", BURSTS)
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name, burst, start", crossed(FAMILIES, BURSTS, FROM))
 def test_a_healthy_drive_behind_an_adapter_that_delivers_in_bursts_is_confirmed_within_the_limit(name, burst, start):
     drive = own(name)
     block = {"restart_time": 0.0} if name in PERIODIC else {}  # otherwise a burst ends the run
@@ -184,10 +179,10 @@ REPORTED = [(name, reported) for name in FAMILIES for reported in (None, 0.0) if
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("burst", BURSTS)
-@pytest.mark.parametrize("name, reported", REPORTED)
-def test_bursts_of_reports_by_a_drive_that_misses_the_stop_confirm_nothing(name, reported, burst):
+@pytest.mark.parametrize("drive, burst", crossed(REPORTED, BURSTS))
+def test_bursts_of_reports_by_a_drive_that_misses_the_stop_confirm_nothing(drive, burst):
     """One start of the bursts for each rate of reports, each start in turn."""
+    name, reported = drive
     first = BURSTS.index(burst)
     for number, reports in enumerate(REPORTS):
         start = FROM[(first + number) % len(FROM)]
@@ -204,8 +199,7 @@ def test_bursts_of_reports_confirm_nothing_wherever_they_start(name, reported, b
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("burst", [0.0, *BURSTS])
-@pytest.mark.parametrize("name", [name for name in FAMILIES if name not in PERIODIC])
+@pytest.mark.parametrize("name, burst", crossed([name for name in FAMILIES if name not in PERIODIC], [0.0, *BURSTS]))
 def test_frames_of_another_node_do_not_confirm_a_dead_drive(name, burst):
     """The drive loses its power in the stop; another node sends what its replies look like, with any period."""
     family = FAMILIES[name]

@@ -25,6 +25,7 @@ from runtime.record.storage.mcap_file import HEAD
 from runtime.record.storage.messages import ROW_END
 from runtime.record.storage.records import LIBRARY
 from tests.runtime.record.recorder.running import CSV, columns, frame, plan, row, sink
+from tests.soaking import soaked
 
 TICKS, EVERY, RATE = 36, 3, 200
 PATHS = ["left/knee.position rad", "left/knee.torque N·m", "right/imu.gyro rad/s", "right/slow.temperature °C"]
@@ -159,7 +160,7 @@ def one_thread(monkeypatch):
     monkeypatch.setattr(read_ahead, "THREADS_LIMIT", 1)
 
 
-@pytest.fixture(scope="module", params=FILES)
+@pytest.fixture(scope="module", params=soaked(list(FILES), but=[0, 3, 5]))
 def file(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("damage")
     with pytest.MonkeyPatch.context() as patch:
