@@ -12,6 +12,7 @@ import pytest
 
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.memory.shared_state import SharedState
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -122,7 +123,10 @@ def stopped_safely(told):
     return sent[-4:] == [NOTHING, DISABLE] * 2 and told["state"] == "safe" and sent.index(DISABLE) == len(sent) - 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1])
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1]
+
+
+@pytest.mark.parametrize("number", soaked(SIGNALS, but=[0, 2]))
 def test_a_signal_ends_in_zero_torque_then_disable_and_the_recording_is_complete(number):
     told = robot(sends(number))
     assert told["status"] == "ok" and told["signal"] == number and told["unconfirmed"] == []

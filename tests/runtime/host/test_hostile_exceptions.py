@@ -8,6 +8,7 @@ import pytest
 from cext.user_text import TEXT_LIMIT, last_lines, name_and_text, text_of
 from runtime.record.recorder.report import reason
 from tests.runtime.runs import finished, line_of, write
+from tests.soaking import crossed, soaked
 
 pytestmark = pytest.mark.paced
 
@@ -102,7 +103,7 @@ def test_the_recorder_forms_the_text_of_a_service_in_time():
     assert reason(broken(lambda: time.sleep(2))) == f"Broken: (no text within {TEXT_LIMIT * 1e3:.0f} ms)"
 
 
-@pytest.mark.parametrize("text", [RAISES, HANGS, CATCHES], ids=["raises", "hangs", "catches"])
+@pytest.mark.parametrize("text", soaked([RAISES, HANGS, CATCHES], but=[1, 2]), ids=["raises", "hangs", "catches"])
 def test_exception_without_text_ends_in_fault_and_summary(tmp_path, text):
     path = write(tmp_path, ROBOT.format(text=text, when="tick >= 20", options="", more=""))
     process = finished(path, "--duration", "5", "--no-record", cwd=tmp_path, timeout=20)
@@ -139,8 +140,7 @@ def test_file_that_raises_exception_without_text_is_refused_at_its_line(tmp_path
     assert process.stderr.splitlines()[0] == "tickwork: robot.py:6: Broken: (no text: it raised ValueError)"
 
 
-@pytest.mark.parametrize("text", [RAISES, HANGS], ids=["raises", "hangs"])
-@pytest.mark.parametrize("function", ["build", "plant"])
+@pytest.mark.parametrize("function, text", crossed(["build", "plant"], [RAISES, HANGS]))
 def test_the_text_of_a_wrong_return_value_has_a_time_limit(tmp_path, text, function):
     more = "class Other:\n    def __repr__(self):\n        {text}\n\n\ndef {function}(*robot):\n    return Other()\n"
     body = ROBOT.format(text="pass", when="False", options="", more="pass")

@@ -12,6 +12,7 @@ from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
 from tests.runtime.record.panel.panels import running
 from tests.runtime.runs import assert_safely_stopped, descendant, write
+from tests.soaking import soaked
 
 pytestmark = [needs_browser, pytest.mark.paced]
 ROW = "document.querySelector('[data-path=\"left/law.gain\"]')"
@@ -59,7 +60,7 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
 
 
 @pytest.mark.hazard("H9f")
-@pytest.mark.parametrize("how", ["tap", "space", "space in a field", "space on another tab"])
+@pytest.mark.parametrize("how", soaked(["tap", "space", "space in a field", "space on another tab"], but=[0, 3]))
 def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
     run, tab = opened
     if how == "tap":
@@ -77,6 +78,7 @@ def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
     assert tab.evaluate("document.getElementById('stop').disabled && document.body.classList.contains('stale')")
 
 
+@pytest.mark.soak
 def test_space_in_the_search_of_signals_is_a_letter(opened):
     run, tab = opened
     tab.evaluate("document.getElementById('tab-plots').click(); document.getElementById('filter').focus()")
@@ -104,6 +106,7 @@ def test_slider_of_both_sides_changes_both_and_shows_what_is_applied(opened):
     assert tab.problems == [] or all("WebSocket" in problem for problem in tab.problems)  # after the end of the run
 
 
+@pytest.mark.soak
 def test_the_value_at_which_a_slider_is_let_go_is_asked_for_although_a_status_comes_right_after(opened):
     _, tab = opened
     asked = tab.evaluate("""(async () => {
@@ -138,6 +141,7 @@ def move_slider(tab, value):
     )
 
 
+@pytest.mark.soak
 def test_settings_are_undone_saved_and_loaded(opened, tmp_path):
     run, tab = opened
 
@@ -192,6 +196,7 @@ def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opene
     assert run.end()[0] == 0
 
 
+@pytest.mark.soak
 def test_page_connects_to_the_panel_that_replaces_a_dead_one(opened):
     run, tab = opened
     tab.evaluate(  # the next panel may be there before the test has looked
@@ -205,7 +210,7 @@ def test_page_connects_to_the_panel_that_replaces_a_dead_one(opened):
     assert run.end()[0] == 0
 
 
-@pytest.mark.parametrize("width", [390, 1024, 1920])
+@pytest.mark.parametrize("width", soaked([390, 1024, 1920], but=[0]))
 def test_page_fits_its_window(opened, width):
     _, tab = opened
     tab.look(width)
@@ -318,6 +323,7 @@ def test_subject_sees_each_stride_beside_the_target_band_and_can_only_stop(tmp_p
     assert_safely_stopped(run.files, (1, 2))
 
 
+@pytest.mark.soak
 def test_buttons_of_the_diagram_set_marks_with_their_notes(tmp_path):
     with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
         tab = new_tab(run.address)

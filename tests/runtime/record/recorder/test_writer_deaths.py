@@ -20,6 +20,7 @@ from runtime.record.storage.repair import Repair, RepairFailed
 from tests.runtime.record.recorder.processes import all_ended, writers
 from tests.runtime.record.recorder.running import CSV, columns, plan, read_csv, row, run, sink
 from tests.runtime.terminals import patient
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -106,7 +107,7 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
     assert all_ended(session)
 
 
-@pytest.mark.parametrize("unbegun", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("unbegun", soaked([[0], [1], [0, 1]], but=[2]))
 def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path, unbegun):
     deaths = {150: signal.SIGKILL, 300: signal.SIGSEGV}
     killed(tmp_path, deaths, virtual=False, shared=SharedState(1 << 20), compression="none")
@@ -128,7 +129,7 @@ def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(
     assert joined.time[0] == pytest.approx(ticks[0] / 500, abs=0.1)
 
 
-@pytest.mark.parametrize("virtual", [True, False])
+@pytest.mark.parametrize("virtual", soaked([True, False], but=[0]))
 def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
     outcome, report, shared, killer, session = killed(
         tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, shared=SharedState(1 << 12)
@@ -230,7 +231,7 @@ def test_the_writer_completes_the_files_if_its_parent_is_killed(tmp_path):
     assert len(ticks_of(tmp_path / "killing.csv")) == statistics["ticks"] and all_ended(session)
 
 
-@pytest.mark.parametrize("virtual", [True, False])
+@pytest.mark.parametrize("virtual", soaked([True, False], but=[0]))
 def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path, virtual):
     outcome, report, shared, killer, session = killed(
         tmp_path,

@@ -13,6 +13,7 @@ from runtime.robot.guardian import control_group
 from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, guardian_of
 from tests.runtime.robot.guardian.test_stopping import DEATH
 from tests.runtime.stuck import family
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -82,7 +83,7 @@ def test_the_guardian_outlives_the_process_group_of_its_run(bus):
     assert bus.stopped_after(killed) < DEATH
 
 
-@pytest.mark.parametrize("guardian_is_killed", [False, True])
+@pytest.mark.parametrize("guardian_is_killed", soaked([False, True], but=[1]))
 def test_a_run_that_ends_removes_the_group_of_its_guardian(bus, group, guardian_is_killed):
     process = bus.start("--no-record", "--duration", "60", **inside(group))
     bus.await_torque()

@@ -21,6 +21,7 @@ from tests.runtime.robot.guardian.bus import Bus, is_torque
 from tests.runtime.robot.rig.test_udp import Button, free_port
 from tests.runtime.runs import DISABLE, NOTHING, started, write
 from tests.runtime.terminals import Terminal
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -302,7 +303,7 @@ def ends_in_the_safe_stop(buses, fault):
 
 
 @pytest.mark.hazard("H6d")
-@pytest.mark.parametrize("what", FAULTS)
+@pytest.mark.parametrize("what", soaked(list(FAULTS), but=[0, 1]))
 def test_drives_on_both_buses_are_stopped_within_two_ticks(buses, what):
     ends_in_the_safe_stop(buses, FAULTS[what])
 

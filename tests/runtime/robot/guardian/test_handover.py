@@ -221,7 +221,7 @@ def longest_pause(frames, motor, since):
 
 
 @pytest.mark.hazard("H9d")
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", soaked(WAYS, but=[1]))
 def test_a_new_run_takes_the_buses_over_at_once_and_without_a_pause(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         began = time.time()
@@ -257,6 +257,7 @@ def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_p
 
 
 @pytest.mark.parametrize("way", soaked(WAYS, but=[2]))
+@pytest.mark.soak
 def test_a_stop_that_goes_on_waits_between_its_frames(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
         before, began = list(map(wakes_of, bus.waiting)), time.time()
@@ -282,6 +283,7 @@ def test_a_run_without_these_drives_and_another_program_are_refused_and_change_n
 
 
 @pytest.mark.parametrize("way", soaked(WAYS, but=[1]))
+@pytest.mark.soak
 def test_an_adapter_that_one_process_may_open_is_handed_over(way, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)

@@ -12,6 +12,7 @@ from tests.cext.spinning import BLOCK, compiled, needs_compiler
 from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, is_torque
 from tests.runtime.runs import DISABLE, Files, line_of
 from tests.runtime.stuck import family
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -42,7 +43,7 @@ HANGS = {
 }
 
 
-@pytest.mark.parametrize("what", HANGS)
+@pytest.mark.parametrize("what", soaked(list(HANGS), but=[2]))
 def test_hanging_python_block_is_reported_with_its_line(bus, tmp_path, what):
     process = bus.start("--record", "out", *BELOW, law=HANGS[what])
     bus.await_torque()
@@ -116,7 +117,7 @@ CRASHES = {
 
 
 @pytest.mark.hazard("H8c")
-@pytest.mark.parametrize("number", CRASHES)
+@pytest.mark.parametrize("number", soaked(list(CRASHES), but=[0]))
 def test_motors_stop_when_a_block_kills_the_process(bus, tmp_path, number):
     process = bus.start("--record", "out", law=CRASHES[number])
     bus.await_torque()

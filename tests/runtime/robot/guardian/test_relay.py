@@ -18,6 +18,7 @@ from runtime.robot.guardian.relay import Relay
 from tests.blocks.test_charge_pump import message
 from tests.runtime.robot.guardian.bus import Bus, guardian_of
 from tests.runtime.runs import DISABLE
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -138,7 +139,7 @@ def test_a_continued_run_does_not_close_the_relay(lab):
     assert process.returncode == 3 and "fenced by the guardian" in err and board.after(dropped) == []
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL, "a block that hangs"])
+@pytest.mark.parametrize("how", soaked([signal.SIGTERM, signal.SIGKILL, "a block that hangs"], but=[1]))
 def test_no_pulse_follows_the_first_frame_that_disables(lab, how):
     bus, board = lab
     process = running(lab, law="while tick > 200: pass" if how == "a block that hangs" else "pass")

@@ -91,6 +91,7 @@ def test_a_bus_whose_new_run_sends_nothing_is_taken_back_each_time(way, tmp_path
 
 
 @pytest.mark.hazard("H9d")
+@pytest.mark.soak
 def test_a_new_run_whose_interface_took_long_to_open_has_no_more_time_between_frames(tmp_path):
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
         lock = BusLock("udp_multicast", bus.channel, {1, 2})
@@ -131,6 +132,7 @@ def test_no_drive_is_without_frames_while_the_guardian_of_a_new_run_is_stopped(p
             assert longest_pause(bus.frames, motor, resumed) < PAUSE
 
 
+@pytest.mark.soak
 def test_the_earlier_stop_continues_after_a_run_whose_guardian_does_not_watch(tmp_path):
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
         began = time.time()
@@ -148,6 +150,7 @@ def test_the_earlier_stop_continues_after_a_run_whose_guardian_does_not_watch(tm
 
 
 @pytest.mark.parametrize("place", soaked(PLACES, but=[0]))
+@pytest.mark.soak
 def test_no_drive_is_without_frames_while_a_new_run_is_stopped_whose_guardian_was_killed(place, tmp_path):
     """The connection of the handover stays open in its control process until the guardian has answered."""
     with stop_that_goes_on(tmp_path, WAYS[0]) as (bus, drives, process):
@@ -165,6 +168,7 @@ def test_no_drive_is_without_frames_while_a_new_run_is_stopped_whose_guardian_wa
 
 
 @pytest.mark.parametrize("place", soaked(OPENING, but=[0]))
+@pytest.mark.soak
 def test_an_adapter_that_one_process_may_open_is_taken_back_and_handed_over_again(place, tmp_path):
     with TimedAdapter() as adapter:
         robot, rig = knee(tmp_path, "return 2.0"), rig_of(tmp_path, adapter.channel)

@@ -93,6 +93,7 @@ def test_third_party_drive_moves_with_torque_only(bench):
     assert refused.returncode == 2 and "--velocity: GaitDrive is commanded with --torque" in refused.stderr
 
 
+@pytest.mark.soak
 def test_third_party_drive_is_streamed_without_torque(bench):
     done = bench.on_bus("stream", "actuator", "5", "--model", "GD-10", "--duration", "0.5")
     assert done.returncode == OK, done.stderr
@@ -100,6 +101,7 @@ def test_third_party_drive_is_streamed_without_torque(bench):
     assert re.search(r"0\.000 rad +-?0\.00 rad/s +-?0\.00 N·m +25 °C", done.stdout)
 
 
+@pytest.mark.soak
 def test_zero_and_id_of_a_third_party_drive_are_set(bench):
     done = bench.on_bus("configure", "5", "--zero", "--set-id", "9", "--yes")
     assert done.returncode == OK, done.stdout + done.stderr
@@ -110,6 +112,7 @@ def test_zero_and_id_of_a_third_party_drive_are_set(bench):
     assert refused.returncode == 2 and "--save" in refused.stderr
 
 
+@pytest.mark.soak
 def test_models_of_a_third_party_family_are_listed(installed, tmp_path):  # noqa: F811
     done = python(installed, "-m", "runtime", "blocks", "--actuators", cwd=tmp_path)
     assert done.returncode == OK, done.stderr
