@@ -245,8 +245,11 @@ def violations(tab):
 
 
 def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
-    with running(tmp_path, law="return math.nan if t > 4.0 else 0.0") as run, browser(tmp_path) as new_tab:
+    law = "return math.nan if __import__('os').path.exists('fault') else 0.0"
+    with running(tmp_path, law=law) as run, browser(tmp_path) as new_tab:
         tab = new_tab(run.address)
+        tab.wait_for(RUNNING)
+        (tmp_path / "fault").touch()
         tab.wait_for("!document.getElementById('fault').hidden", timeout=20.0)
         shown = tab.text("#fault")
         assert "Fault of knee, left" in shown and "A command is NaN or infinite" in shown
