@@ -175,6 +175,7 @@ def pause_browser():
 @needs_browser
 @pytest.mark.hazard("H9h")
 @pytest.mark.hazard("H9g")
+@pytest.mark.soak
 def test_browser_page_is_watched_in_the_background_and_each_loss_of_it_is_shown_and_a_stop(bus, terminal, tmp_path):
     run = Watch(bus, terminal, "--rearm")
     with Proxy(run.port) as proxy, browser(tmp_path) as new_tab:
@@ -221,6 +222,7 @@ for (const box of document.querySelectorAll("#list input:not(:checked)")) box.cl
 
 @needs_browser
 @pytest.mark.hazard("H9h")
+@pytest.mark.soak
 def test_plots_that_are_slow_to_draw_do_not_end_a_run_that_watches_the_page(tmp_path):
     with running(tmp_path, "--panel-lost", "stop") as run, browser(tmp_path) as new_tab:
         tab = new_tab(run.address)
