@@ -13,6 +13,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Input, Interval, compile
 from tests.blocks.playing import made, play, source
+from tests.soaking import crossed
 
 RATE = 1000.0
 MILLION = 1_000_000
@@ -56,8 +57,7 @@ def million():
     return u, {run: taken[:, 4 * i : 4 * i + 4] for i, run in enumerate(RUNS)}
 
 
-@pytest.mark.parametrize("number", range(3), ids=["noise", "offset", "bursts"])
-@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("length, number", crossed(LENGTHS, range(3)))
 def test_a_moving_average_does_not_drift_over_a_million_samples(million, number, length):
     """Against math.fsum at a thousand checkpoints: within two roundings of the mean, and 1e-25 of the largest sample of
     two windows.
@@ -69,8 +69,7 @@ def test_a_moving_average_does_not_drift_over_a_million_samples(million, number,
         assert abs(average - mean) <= 2.0 * math.ulp(mean) + 1e-25 * largest
 
 
-@pytest.mark.parametrize("number", range(3), ids=["noise", "offset", "bursts"])
-@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("length, number", crossed(LENGTHS, range(3)))
 def test_a_moving_rms_does_not_drift_over_a_million_samples(million, number, length):
     u, y = million[0][:, number], million[1][MovingRMS, length][:, number]
     for k, rms in zip(CHECKPOINTS, y):

@@ -11,6 +11,7 @@ from blocks.actuators.law_figures import Law
 from graph import Interval
 from tests.blocks.actuators.drives_observed import observed
 from tests.blocks.actuators.observer import torque_of
+from tests.soaking import crossed
 
 NOTHING = Interval.point(0.0)
 
@@ -32,9 +33,9 @@ def is_calm(make, inertia, **gains):
     return True
 
 
-@pytest.mark.parametrize("rate", [100, 200, 500])
-@pytest.mark.parametrize("limit, acceleration", [(9.0, 500.0), (9.0, 250.0), (3.0, 500.0)])
-def test_a_free_joint_of_the_smallest_inertia_does_not_chatter(rate, limit, acceleration):
+@pytest.mark.parametrize("rate, figures", crossed([100, 200, 500], [(9.0, 500.0), (9.0, 250.0), (3.0, 500.0)]))
+def test_a_free_joint_of_the_smallest_inertia_does_not_chatter(rate, figures):
+    limit, acceleration = figures
     for stiffness, damping in ((0.0, 5.0), (30.0, 1.0), (100.0, 3.0), (300.0, 0.2), (500.0, 5.0)):
         smallest = law(limit, acceleration, rate, stiffness, damping).smallest_inertia
         make = partial(observed, "AK80-9", rate, limit=limit, acceleration=acceleration)

@@ -12,6 +12,7 @@ from tests.cext.imposed import imposed, still
 from tests.cext.schedule.test_stop_values import PERIODIC, bursts, own, run
 from tests.own_drives import FAMILIES as OWN
 from tests.own_drives import OwnDrive
+from tests.soaking import crossed
 
 RATES = [100, 200, 500, 1000]
 FAMILIES = {  # drive, model, parameters, the fault
@@ -127,9 +128,7 @@ def test_a_constant_transit_is_no_restart(name, rate, transit):
 
 
 @pytest.mark.hazard("H4c")
-@pytest.mark.parametrize("burst", [0.016, 0.020, 0.032, 0.048])
-@pytest.mark.parametrize("rate", [200, 500, 1000])
-@pytest.mark.parametrize("name", PERIODIC)
+@pytest.mark.parametrize("name, rate, burst", crossed(PERIODIC, [200, 500, 1000], [0.016, 0.020, 0.032, 0.048]))
 def test_an_adapter_whose_bursts_could_hide_a_restart_is_refused_before_any_torque(name, rate, burst):
     for start in (0.0, 0.0023, 0.0121):
         drive = own(name)

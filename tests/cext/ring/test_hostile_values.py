@@ -13,6 +13,7 @@ from cext.recording.newest_row import NewestRow
 from cext.recording.ring_batch import read
 from cext.recording.ring_reader import take
 from cext.ring.rings import Line, Lines
+from tests.soaking import crossed
 
 TEXT = b'{"parameters": []}'
 VALUES = (0, 1, 7, 8, 4095, 4096, 12288, 1 << 31, 1 << 40, (1 << 63) - 8, (1 << 64) - 1, (1 << 64) - 4096)
@@ -76,9 +77,10 @@ def test_a_reader_reads_its_ring_alone_or_reports_the_damage(name, value, reader
     attempt(shared, newest, reader)
 
 
-@pytest.mark.parametrize("kind", range(6))
-@pytest.mark.parametrize("size", [0, 1, 7, 8, 4088, 4096, 1 << 16, (1 << 32) - 1, (1 << 32) - 8])
-@pytest.mark.parametrize("reader", ["drain", "read", "take", "newest"])
+SIZES = [0, 1, 7, 8, 4088, 4096, 1 << 16, (1 << 32) - 1, (1 << 32) - 8]
+
+
+@pytest.mark.parametrize("reader, size, kind", crossed(["drain", "read", "take", "newest"], SIZES, range(6)))
 def test_a_record_of_any_size_is_read_within_the_ring_or_reported(kind, size, reader):
     shared, intruder = state_with_intruder()
     newest = NewestRow(shared, 5)

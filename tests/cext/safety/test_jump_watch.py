@@ -9,6 +9,7 @@ import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
 from tests.cext.imposed import accelerated, imposed, sine, still
+from tests.soaking import crossed
 
 RATES = [100, 200, 500, 1000]
 MOUNTED = {"invert": True, "offset": -0.4, "gear_ratio": 1.5}
@@ -53,9 +54,7 @@ def run_of(name, motion, mounted=False, commands=GAINS, **options):
 
 
 @pytest.mark.hazard("H5e")
-@pytest.mark.parametrize("mounted", [False, True], ids=["plain", "inverted, offset and geared"])
-@pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("name, rate, mounted", crossed(DRIVES, RATES, [False, True]))
 def test_an_angle_that_jumps_by_a_motor_turn_at_rest_ends_the_run(name, rate, mounted):
     turn = turn_of(*DRIVES[name], mounted)
     if name == "AK80-64" and mounted and rate == 100:
@@ -129,8 +128,7 @@ def plausible(random, most, count=6):
     return lambda t: (float(np.sin(w * t + phase) @ amplitude), float(np.cos(w * t + phase) @ (amplitude * w)))
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.15, 1.2])
-@pytest.mark.parametrize("rate", [50, 100, 200, 500, 1000, 2000])
+@pytest.mark.parametrize("rate, noise", crossed([50, 100, 200, 500, 1000, 2000], [0.0, 0.15, 1.2]))
 def test_random_motion_with_late_and_lost_replies_is_no_jump(rate, noise):
     random = np.random.default_rng(rate)
     for _ in range(2):

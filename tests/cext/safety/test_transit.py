@@ -11,6 +11,7 @@ from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, Rob
 from graph import Diagram, compile
 from tests.cext.delayed import KINDS, bursts, connected, constant, irregular, lossy, shaken
 from tests.cext.imposed import imposed, sine, still
+from tests.soaking import crossed
 
 RATES = [100, 200, 500, 1000]
 LAWS = {
@@ -39,9 +40,7 @@ def largest(rig, since=0.0):
 
 
 @pytest.mark.hazard("H1c")
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("ways", WAYS)
+@pytest.mark.parametrize("ways, rate, law", crossed(WAYS, RATES, LAWS))
 def test_with_a_constant_transit_the_drive_gives_at_most_the_limit(ways, rate, law):
     limit, commands = LAWS[law]
     for name in KINDS:
@@ -59,10 +58,7 @@ def test_with_a_constant_transit_the_drive_gives_at_most_the_limit(ways, rate, l
 
 
 @pytest.mark.hazard("H1c")
-@pytest.mark.parametrize("lost", [0.0, 0.05])
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("ways", IRREGULAR)
+@pytest.mark.parametrize("ways, rate, law, lost", crossed(IRREGULAR, RATES, LAWS, [0.0, 0.05]))
 def test_with_late_and_lost_frames_the_drive_gives_at_most_the_limit(ways, rate, law, lost):
     limit, commands = LAWS[law]
     for frequency in (3.0, 9.0):
@@ -232,10 +228,9 @@ def accelerating(begin, acceleration=500.0, top=20.0):
 
 
 @pytest.mark.hazard("H1c")
-@pytest.mark.parametrize("lost", [0.0, 0.2])
-@pytest.mark.parametrize("begin", [0.49, 0.5, 0.505, 0.52])
-@pytest.mark.parametrize("total", [0.0, 0.008, 0.016, 0.030])
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name, total, begin, lost", crossed(KINDS, [0.0, 0.008, 0.016, 0.030], [0.49, 0.5, 0.505, 0.52], [0.0, 0.2])
+)
 def test_a_damped_stop_stays_within_the_limit_over_any_transit(name, total, begin, lost):
     """The replies are as old as their frames, and the damping acts later: the joint may be faster by then.
     While lost frames leave the transit in doubt, the damping is that of an unknown speed.

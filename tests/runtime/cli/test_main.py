@@ -15,6 +15,7 @@ from runtime.host.console.terminal import program
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.session.request import Request
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write
+from tests.soaking import soaked
 
 LISTS = "lists the options)"
 
@@ -454,7 +455,7 @@ RESULTS = {
 }
 
 
-@pytest.mark.parametrize("words", RESULTS.values(), ids=RESULTS)
+@pytest.mark.parametrize("words", soaked([[*words] for words in RESULTS.values()], but=[0, 3, 6]), ids=RESULTS)
 def test_a_result_that_standard_output_does_not_take_is_an_error(tmp_path, words):
     knee(tmp_path)
     with open("/dev/full", "w") as full:

@@ -66,6 +66,7 @@ def python(installed, *arguments, cwd):
     )
 
 
+@pytest.mark.soak
 def test_tests_of_a_third_party_library_pass_where_it_is_installed(installed, tmp_path):
     for folder in ("diagrams", "tests"):
         shutil.copytree(installed.parent / "gaitlab" / folder, tmp_path / folder)
