@@ -11,6 +11,8 @@ import numpy as np
 from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy
 
+from cpython.bytes cimport PyBytes_FromStringAndSize
+
 from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport fence_acquire, load_u64
 from cext.bus.bits cimport bits_of
@@ -31,6 +33,8 @@ cdef class NewestRow:
     first, second : float64 arrays (columns,), smallest and largest value of the rows since the `look` before, in the
         order of time; NaN is none of them
     traffic : int64 array (buses, 3): frames received, frames sent, and the bits of both
+    keeps : whether `rows` is filled
+    rows : rows since the `look` before, each as bytes: its tick, its lateness, and the signals
     """
 
     cdef SharedState shared
@@ -43,6 +47,9 @@ cdef class NewestRow:
     cdef int64_t[:, :] counts   # of the traffic
     cdef uint8_t[:] can         # of each bus
     cdef readonly int64_t tick  # tick of that row; -1 before the first
+    cdef public bint keeps
+    cdef readonly list rows
+    cdef double kept            # tick of the newest of them
 
     def __init__(self, SharedState shared, int columns, buses=()):
         self.shared, self.size, self.tick = shared, 8 * (2 + columns), -1
@@ -54,6 +61,7 @@ cdef class NewestRow:
         self.low_at, self.high_at = np.zeros(columns, np.int64), np.zeros(columns, np.int64)
         self.traffic = np.zeros((len(buses), 3), np.int64)
         self.counts, self.can = self.traffic, np.array(buses, np.uint8)
+        self.rows, self.kept = [], -1.0
         self.cursor = load_u64(&shared.layout.tail)
 
     cdef bint intact(self, uint64_t place) noexcept:
@@ -87,6 +95,7 @@ cdef class NewestRow:
         cdef Header header
         cdef Frame frame
         cdef Py_ssize_t index
+        self.rows = []
         for _ in range(ATTEMPTS):
             if not self.intact(self.cursor):
                 self.cursor = max(self.cursor, load_u64(&layout.tail))     # the rows between are lost to this reader
@@ -101,6 +110,9 @@ cdef class NewestRow:
                         break
                     self.fold(count)
                     count += 1
+                    if self.keeps and self.row[0] > self.kept:  # an attempt may read it again
+                        self.rows.append(PyBytes_FromStringAndSize(<char *>&self.row[0], self.size))
+                        self.kept = self.row[0]
                 elif header.kind == FRAME and header.bytes == sizeof(Frame) and self.counts.shape[0]:
                     frame = (<Frame *>(<char *>record_at(layout, place) + sizeof(Header)))[0]
                     if not self.intact(place):

@@ -5,7 +5,9 @@
     runtime.record.panel.access     which connections are accepted, and what each page may do
     runtime.record.panel.orders     what a page may ask for, and how the run is asked
     runtime.record.panel.site       HTTP for the files of a page and access to its WebSocket, on one port
-    runtime.record.panel.server     the WebSocket of each page
+    runtime.record.panel.server     the WebSockets, who has the controls, and the link that the run watches
+    runtime.record.panel.pages      one open page: what it is sent, and what it may ask for
+    runtime.record.panel.foxglove   the same for a client of Foxglove's protocol
     runtime.record.panel.page       the page itself: HTML, CSS, JavaScript, and uPlot for the plots
 
 It reads the shared state as `set` does, and takes nothing out of the ring. A page stops the run through the flag of the

@@ -124,9 +124,7 @@ class Panel:
             if event.get("event") == "complete":
                 self.view.complete = True
                 continue
-            shown = self.view.take_event(event)
-            if shown is not None:
-                self.server.tell(shown)
+            self.server.take_event(event)
 
     def control_ended(self, control: int) -> None:
         """Show that the control process has ended, which it does after its last record."""

@@ -2,7 +2,7 @@
 
 Each page has a task of its own that sends the newest frame: a stalled page misses frames, and delays no other. What a
 page sends is limited in size and rate; malformed messages are refused and counted, and a page that
-sends too many of them is closed.
+sends too many of them is closed. Clients of Foxglove are pages too, with messages of their own.
 
 The loop watches the page with the controls, if the diagram demands it: the server shows it the time of the newest frame
 that this page has confirmed. A frame that was held up on its way counts with the time at which it was made, in both
@@ -14,22 +14,22 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 from websockets.exceptions import ConnectionClosed
 
 from runtime.record.panel import access
 from runtime.record.panel.access import OPERATE, VIEW
-from runtime.record.panel.orders import ORDERS, Mailbox, Mark, Operate, Seen, Set, Stop, answered
+from runtime.record.panel.foxglove import PROTOCOLS, Client, Feed
+from runtime.record.panel.orders import Mailbox
+from runtime.record.panel.pages import Page
 from runtime.record.panel.site import PAGE_FOLDER, SOCKET, Site, files_of
 from runtime.record.panel.view import FRAME_PERIOD, STATUS_PERIOD, encode
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request
 
     from runtime.record.panel.view import View
 
@@ -39,55 +39,11 @@ FILES = {
     "/subject": (PAGE_FOLDER, "subject.html"),
 }
 WATCHING = "/watching"  # socket of pages that only show and stop the run, whatever their token
-MESSAGE_LIMIT = 4096  # bytes of a message of a page
-MESSAGE_RATE, MESSAGE_BURST = 50.0, 100.0  # messages of a page per second; and at once
-SEEN_LIMIT = 64  # newest frames that a page may confirm
+MESSAGE_LIMIT = 1 << 14  # bytes of a message of a page, which may name all parameters
 LINK_FRAMES = 15  # that a page has confirmed before the run relies on it: one that loads has work to do
-WAITING_LIMIT = 128  # orders of a page that wait for the run
 REFUSED_LIMIT = 50  # messages of one page that are refused, after which it is closed
 TOKEN_TIMEOUT = 5.0  # s for the first message, which has the token
 POLICY, TRY_LATER, GOING_AWAY, NOT_CLOSED = 1008, 1013, 1001, 1006  # codes of RFC 6455
-
-
-class Page:
-    """One open page.
-
-    number : of the page, from 1
-    role : "view" or "operate": what its token allows
-    events : messages that it has not been sent yet
-    orders : its orders that wait, carried out one after the other, so that the last value of a slider stays
-    """
-
-    def __init__(self, connection: ServerConnection, number: int, role: str) -> None:
-        self.connection, self.number, self.role = connection, number, role
-        self.events: deque[str] = deque()
-        self.orders: asyncio.Queue[Set | Mark] = asyncio.Queue(WAITING_LIMIT)
-        self.sent: deque[int] = deque(maxlen=SEEN_LIMIT)  # times of the frames that it has not confirmed, in µs
-        self.budget, self.at = MESSAGE_BURST, time.monotonic()
-        self.refused = 0
-
-    @property
-    def name(self) -> str:
-        """Name of the page for people."""
-        return f"page {self.number}"
-
-    def has_seen(self, at: int) -> bool:
-        """Take the confirmation of a frame. Returns False for one that was not sent, or confirmed already."""
-        if at not in self.sent:
-            return False
-        while self.sent.popleft() != at:
-            pass
-        return True
-
-    def in_budget(self) -> bool:
-        """Count a message. Returns whether the page is within its rate."""
-        now = time.monotonic()
-        self.budget = min(MESSAGE_BURST, self.budget + (now - self.at) * MESSAGE_RATE) - 1.0
-        self.at = now
-        if self.budget < 0.0:
-            self.budget = 0.0
-            return False
-        return True
 
 
 class Server(Site):
@@ -99,9 +55,10 @@ class Server(Site):
     """
 
     def __init__(self, view: View, host: str, secret: str) -> None:
-        super().__init__(host, FILES, MESSAGE_LIMIT, (SOCKET, WATCHING))
+        super().__init__(host, FILES, MESSAGE_LIMIT, (SOCKET, WATCHING), PROTOCOLS)
         self.view, self.mailbox = view, Mailbox(view)
-        self.tokens = {} if self.local else access.tokens(secret)
+        self.tokens = access.tokens(secret)
+        self.feed: Any = None  # for clients of Foxglove, once there is one
         self.opened = 0
         self.operator: Page | None = None
         self.confirmed = 0  # frames by the operator's page, at most LINK_FRAMES
@@ -111,30 +68,37 @@ class Server(Site):
 
     def addresses(self) -> dict[str, str]:
         """Return {role: address for a browser}."""
-        return {role: f"{self.address}#{token}" for token, role in self.tokens.items()} or {OPERATE: self.address}
+        if self.local:
+            return {OPERATE: self.address}
+        return {role: f"{self.address}#{token}" for token, role in self.tokens.items()}
+
+    def link(self, role: str) -> str:
+        """Return the address for a client of Foxglove."""
+        token = next(token for token, other in self.tokens.items() if other == role)
+        return f"{self.address.replace('http', 'ws', 1)}?{token}"
 
     # WebSocket
 
     async def serve_page(self, connection: ServerConnection) -> None:
         """Serve one page until its connection ends."""
-        role = OPERATE if self.local else await self.role_of(connection)
+        role = await self.role_of(connection)
         if role is None:
             self.refused["token"] += 1
             await connection.close(POLICY, "wrong token")
             return
-        assert connection.request is not None
-        if connection.request.path == WATCHING:
-            role = VIEW
+        if connection.subprotocol and self.feed is None:
+            self.feed = await asyncio.to_thread(Feed, self.view)  # which imports Protobuf
         self.opened += 1
-        page = self.pages[self.opened] = Page(connection, self.opened, role)
-        if role == OPERATE and self.operator is None:
+        kind = Client if connection.subprotocol else Page
+        page = self.pages[self.opened] = kind(self, connection, self.opened, role)
+        if role == OPERATE and self.operator is None and kind is Page:
             self.operator = page
-        page.events += [encode({**self.view.hello(), "page": page.name, "role": role}), *map(encode, self.view.events)]
+        page.greet()
         self.refresh()
-        tasks = [asyncio.create_task(task) for task in (self.send_to(page), self.carry_out(page))]
+        tasks = [asyncio.create_task(task) for task in (page.send(), page.carry_out())]
         try:
             async for message in connection:
-                if not self.take(page, message):
+                if not page.take(message):
                     page.refused += 1
                     if page.refused > REFUSED_LIMIT:
                         await connection.close(POLICY, "too many refused messages")
@@ -151,63 +115,35 @@ class Server(Site):
 
     async def role_of(self, connection: ServerConnection) -> str | None:
         """Return the role of a page from its first message, which is the token; None without a valid one."""
-        self.pending += 1
-        try:
-            token = await asyncio.wait_for(connection.recv(), TOKEN_TIMEOUT)
-        except (asyncio.TimeoutError, ConnectionClosed):
-            return None
-        finally:
-            self.pending -= 1
-        return access.role_of(token if isinstance(token, str) else "", self.tokens)
+        assert connection.request is not None
+        path, _, token = connection.request.path.partition("?")
+        if connection.subprotocol:
+            return access.role_of(token, self.tokens) or VIEW
+        if not self.local:
+            self.pending += 1
+            try:
+                first = await asyncio.wait_for(connection.recv(), TOKEN_TIMEOUT)
+            except (asyncio.TimeoutError, ConnectionClosed):
+                return None
+            finally:
+                self.pending -= 1
+            role = access.role_of(first if isinstance(first, str) else "", self.tokens)
+        else:
+            role = OPERATE
+        return role and (VIEW if path == WATCHING else role)
 
-    async def send_to(self, page: Page) -> None:
-        """Send the events, the newest status and the newest frame to a page, as fast as it takes them."""
-        status = ""
-        with suppress(ConnectionClosed):
-            while True:
-                while page.events:
-                    await page.connection.send(page.events.popleft())
-                if status is not self.status:
-                    status = self.status
-                    await page.connection.send(status)
-                at, frame = self.frame
-                if frame:
-                    page.sent.append(at)
-                    await page.connection.send(frame)
-                await self.news.wait()
+    def admits(self, request: Request, protocol: bool) -> bool:
+        """Return whether a page or a client of Foxglove may connect.
 
-    def take(self, page: Page, message: str | bytes) -> bool:
-        """Carry out an order. Returns False for a message that was refused."""
-        try:
-            order = ORDERS.decode(message) if isinstance(message, str) else None
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            order = None
-        if isinstance(order, Stop):  # from each page, whatever its role and rate
-            self.mailbox.stop(page.number)
-            return True
-        if isinstance(order, Seen) and page.has_seen(order.at):  # at most as many as the server has sent frames
-            if page is self.operator:
-                self.show_link(page, 1000 * order.at)
-            return True
-        if not page.in_budget():
-            return self.refuse("rate")
-        if order is None or isinstance(order, Seen):
-            return self.refuse("malformed")
-        if page.role != OPERATE:
-            return self.refuse("role")
-        if isinstance(order, Operate):
-            if order.take and page is not self.operator:
-                self.hand_over(page, "taken")
-            elif not order.take and page is self.operator:
-                self.hand_over(None, "returned")
-            return True
-        if page is not self.operator:
-            return self.refuse("role")
-        try:
-            page.orders.put_nowait(order)
-        except asyncio.QueueFull:
-            self.reply(page, answered(order, "too many requests wait for the run"))
-        return True
+        A program of this account may watch the run without a token. A browser states where its page is from, and a page
+        of another site needs a token.
+        """
+        if not protocol:
+            return super().admits(request, protocol)
+        token = request.path.partition("?")[2]
+        if token or not self.local:
+            return access.role_of(token, self.tokens) is not None
+        return "Origin" not in request.headers
 
     def hand_over(self, page: Page | None, why: str) -> None:
         """Give the controls to a page, or to none. why : as of SharedState.unlink_page, for the page that had them"""
@@ -230,23 +166,14 @@ class Server(Site):
         self.refused[why] += 1
         return False
 
-    async def carry_out(self, page: Page) -> None:
-        """Pass the orders of a page to the run, one after the other, and the answers to the page."""
-        while True:
-            self.reply(page, await self.mailbox.carry_out(await page.orders.get(), page.number))
-
-    def reply(self, page: Page, message: dict[str, Any]) -> None:
-        """Send a message to one page."""
-        page.events.append(encode(message))
-        self.wake()
-
     # News
 
-    def tell(self, message: dict[str, Any]) -> None:
-        """Send a message to all pages."""
-        text = encode(message)
+    def take_event(self, event: dict[str, Any]) -> None:
+        """Send an event of the recording to all pages."""
+        shown = self.view.take_event(event)
+        text = "" if shown is None else encode(shown)
         for page in self.pages.values():
-            page.events.append(text)
+            page.tell(text, event)
         self.wake()
 
     def refresh(self) -> None:
@@ -262,12 +189,19 @@ class Server(Site):
         self.news.set()
         self.news = asyncio.Event()
 
+    def look(self) -> None:
+        """Take what is new in the run."""
+        self.view.row.keeps = any(page.subscriptions for page in self.pages.values())
+        self.frame = self.view.frame()
+        for page in self.pages.values():
+            page.renew()
+
     async def publish(self, besides: Callable[[], None]) -> None:
         """Renew frame and status continuously. besides : what else is called each time"""
         state, due = None, 0.0
         while True:
             now = time.monotonic()
-            self.frame = self.view.frame()
+            self.look()
             if now >= due or self.view.shared.state != state:
                 state, due = self.view.shared.state, now + STATUS_PERIOD
                 self.refresh()
@@ -279,7 +213,7 @@ class Server(Site):
     async def close(self) -> None:
         """Send the last status to all pages, and close them."""
         self.closing = True
-        self.frame = self.view.frame()
+        self.look()
         self.refresh()
         await asyncio.sleep(FRAME_PERIOD)
         await super().close()

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from websockets.asyncio.server import serve
 from websockets.datastructures import Headers
 from websockets.http11 import Response
+from websockets.typing import Subprotocol
 
 from runtime.record.panel import access
 
@@ -37,6 +38,7 @@ SECURITY = {
     "Cache-Control": "no-store",
 }
 SOCKET = "/socket"
+ADMITTED = "Only the panel's own page may connect, and a program whose address has a token of this run."
 PAGE_LIMIT = 16
 WRITE_LIMIT = 1 << 16  # bytes that wait for a stalled page
 OPEN_TIMEOUT = 5.0  # s
@@ -64,12 +66,19 @@ class Site(ABC):
     files : {path of a request: (package, name of a file in it)}, besides SHARED
     message_limit : bytes of a message of a page
     sockets : paths of its WebSockets
+    protocols : subprotocols that it speaks on any path
     """
 
     def __init__(
-        self, host: str, files: Mapping[str, tuple[str, str]], message_limit: int, sockets: Iterable[str] = (SOCKET,)
+        self,
+        host: str,
+        files: Mapping[str, tuple[str, str]],
+        message_limit: int,
+        sockets: Iterable[str] = (SOCKET,),
+        protocols: Iterable[str] = (),
     ) -> None:
-        self.host, self.files, self.message_limit, self.sockets = host, {**SHARED, **files}, message_limit, sockets
+        self.host, self.files, self.message_limit = host, {**SHARED, **files}, message_limit
+        self.sockets, self.protocols = sockets, protocols
         self.local = access.is_local(host)
         self.pages: dict[int, Any] = {}
         self.pending = 0  # connections whose token has not arrived
@@ -89,6 +98,7 @@ class Site(ABC):
             self.host,
             port,
             process_request=self.answer_request,
+            select_subprotocol=lambda connection, offered: self.protocol_of(offered),
             compression=None,
             max_size=self.message_limit,
             max_queue=16,
@@ -124,9 +134,11 @@ class Site(ABC):
         path = request.path.partition("?")[0]
         if self.local and not self.is_own(connection):
             return self.deny("account", HTTPStatus.FORBIDDEN, "This page belongs to another account of this computer.")
-        if path in self.sockets:
-            if not access.same_origin(request.headers.get("Origin"), request.headers.get("Host"), self.local):
-                return self.deny("origin", HTTPStatus.FORBIDDEN, "Only the panel's own page may connect.")
+        offered = request.headers.get("Sec-WebSocket-Protocol", "").split(",")
+        protocol = self.protocol_of([each.strip() for each in offered])
+        if path in self.sockets or protocol:
+            if not self.admits(request, protocol is not None):
+                return self.deny("origin", HTTPStatus.FORBIDDEN, ADMITTED)
             if max(len(self.pages), self.pending) >= PAGE_LIMIT:
                 return self.deny("pages", HTTPStatus.SERVICE_UNAVAILABLE, f"At most {PAGE_LIMIT} pages may be open.")
             return None
@@ -134,6 +146,14 @@ class Site(ABC):
             return self.deny("path", HTTPStatus.NOT_FOUND, "The panel has no such page.")
         package, name = self.files[path]
         return response(HTTPStatus.OK, KINDS[name[name.rindex(".") :]], (files(package) / name).read_bytes())
+
+    def protocol_of(self, offered: Iterable[str]) -> Subprotocol | None:
+        """Return the subprotocol that a client is answered with, None for a page."""
+        return next((Subprotocol(each) for each in self.protocols if each in offered), None)
+
+    def admits(self, request: Request, protocol: bool) -> bool:
+        """Return whether a WebSocket is opened. protocol : whether a subprotocol is spoken on it"""
+        return access.same_origin(request.headers.get("Origin"), request.headers.get("Host"), self.local)
 
     def is_own(self, connection: ServerConnection) -> bool:
         """Return whether a connection is of this account."""

@@ -127,6 +127,7 @@ function takeHello(message) {
   buildOperate();
   $("marks").replaceChildren(...hello.marks.map((note) => element("button", { onclick: () => mark(note) }, note)));
   $("subject").href = `subject#${hello.watch}`;
+  $("link").textContent = hello.link;
   parameters.build(hello.parameters, hello.name);
   $("adjust").hidden = !$("parameters").children.length;
   plots.build(hello);

@@ -17,7 +17,8 @@ import runtime
 from runtime.host.live.running import shared_state_of
 from runtime.host.options import panel_address
 from runtime.record.analysis.names import describe
-from runtime.record.panel.server import MESSAGE_LIMIT, MESSAGE_RATE, REFUSED_LIMIT
+from runtime.record.panel.pages import MESSAGE_RATE
+from runtime.record.panel.server import MESSAGE_LIMIT, REFUSED_LIMIT
 from tests.runtime.record.panel.panels import Page, running
 from tests.runtime.runs import assert_safely_stopped, descendant, write
 
