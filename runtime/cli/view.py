@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import signal
 import webbrowser
@@ -16,10 +17,10 @@ from runtime.host.console.terminal import print_lines
 from runtime.host.errors import OK, BadInput
 from runtime.host.options import whole_number
 from runtime.record.analysis.conditions import trial_labels
-from runtime.record.panel.site import FIRST_PORT, PORTS
+from runtime.record.panel.site import FIRST_PORT
 from runtime.record.storage.parts import heads, newest
 from runtime.record.view.recording import Recording
-from runtime.record.view.server import HOST, Viewer
+from runtime.record.view.server import Viewer
 
 RECORDINGS_LIMIT = 6  # that can be distinguished by their colours
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -77,14 +78,11 @@ async def serve(viewer: Viewer, port: int | None, browser: bool) -> int:
         asyncio.get_running_loop().add_signal_handler(
             number, lambda number=number: ended.done() or ended.set_result(number)
         )
-    ports = [port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)
     try:
-        listens = await viewer.listens(ports)
+        await viewer.listen_first(port)
     except OSError as error:
-        raise BadInput(f"cannot listen on {HOST} port {ports[0]}: {error.strerror}") from None
-    if not listens:
-        which = f"port {port} is" if port else f"the ports {FIRST_PORT} to {ports[-1]} are"
-        raise BadInput(f"cannot listen on {HOST}: {which} in use. Pass another one, as in --port 8500")
+        another = ". Pass another one, as in --port 8500" if error.errno == errno.EADDRINUSE else ""
+        raise BadInput(f"{error.strerror}{another}") from None
     print_lines([viewer.address])
     if browser:
         await asyncio.to_thread(open_page, viewer.address)

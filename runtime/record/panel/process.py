@@ -7,7 +7,6 @@ of the recording from a socket of type SOCK_SEQPACKET, as JSON.
 from __future__ import annotations
 
 import asyncio
-import errno
 import json
 import os
 import socket
@@ -19,7 +18,6 @@ from typing import Any
 from cext.memory.shared_state import SharedState
 from runtime.host.system import name_process
 from runtime.record.panel.server import Server
-from runtime.record.panel.site import FIRST_PORT, PORTS
 from runtime.record.panel.view import View
 
 EVENT_BYTES = 1 << 17  # of a message
@@ -60,8 +58,7 @@ class Panel:
         try:
             await self.listen()
         except OSError as error:
-            where = f"{self.plan['host']} port {self.plan['port'] or FIRST_PORT}"
-            self.answer({"error": f"cannot listen on {where}: {error.strerror}"})
+            self.answer({"error": error.strerror})
             return
         self.answer({"ready": self.server.addresses(), "port": self.server.port})
         if self.plan["lost"] == "stop":  # other programs shall not delay the replies of the page
@@ -81,14 +78,15 @@ class Panel:
 
     async def listen(self) -> None:
         """Listen on the port of the panel before this one, else on that of the plan. Raises OSError."""
-        port, until = self.plan["port"], time.monotonic() + PORT_TIMEOUT
-        while self.plan["port_before"] and time.monotonic() < until:  # pages connect again where they were
-            if await self.server.listens([self.plan["port_before"]]):
+        before, until = self.plan["port_before"], time.monotonic() + PORT_TIMEOUT
+        while before and time.monotonic() < until:  # pages connect again where they were
+            try:
+                await self.server.listen(before)
+            except OSError:
+                await asyncio.sleep(0.05)
+            else:
                 return
-            await asyncio.sleep(0.05)
-        ports = [port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)
-        if not await self.server.listens(ports):
-            raise OSError(errno.EADDRINUSE, "in use" if port else f"nor are those up to {FIRST_PORT + PORTS - 1} free")
+        await self.server.listen_first(self.plan["port"])
 
     def answer(self, message: dict[str, Any]) -> None:
         """Send one line of JSON to the recorder."""

@@ -52,6 +52,7 @@ def files_of(package: str, *names: str) -> dict[str, tuple[str, str]]:
 
 
 PAGE_FOLDER = "runtime.record.panel.page"
+HEAD = b"<!-- head.html -->\n"  # place of that file in each page
 SHARED = {  # what all pages have in common
     **{f"/{name}": (PAGE_FOLDER, name) for name in ("page.css", "plots.js", "text.js")},
     "/uPlot.js": (PAGE_FOLDER, "uPlot.iife.min.js"),
@@ -112,16 +113,19 @@ class Site(ABC):
         )
         self.port = self.server.sockets[0].getsockname()[1]
 
-    async def listens(self, ports: Iterable[int]) -> bool:
-        """Listen on the first free one of some ports. Returns False if all are in use. Raises OSError."""
-        for port in ports:
+    async def listen_first(self, port: int | None) -> None:
+        """Listen on a port, or else on the first free one from FIRST_PORT on. Raises OSError with a text for people."""
+        ports = [port] if port else range(FIRST_PORT, FIRST_PORT + PORTS)
+        for each in ports:
             try:
-                await self.listen(port)
-                return True
+                await self.listen(each)
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
-                    raise
-        return False
+                    raise OSError(error.errno, f"cannot listen on {self.host} port {each}: {error.strerror}") from None
+            else:
+                return
+        which = f"port {port} is" if port else f"the ports {FIRST_PORT} to {ports[-1]} are"
+        raise OSError(errno.EADDRINUSE, f"cannot listen on {self.host}: {which} in use")
 
     @property
     def address(self) -> str:
@@ -145,7 +149,10 @@ class Site(ABC):
         if path not in self.files:
             return self.deny("path", HTTPStatus.NOT_FOUND, "The panel has no such page.")
         package, name = self.files[path]
-        return response(HTTPStatus.OK, KINDS[name[name.rindex(".") :]], (files(package) / name).read_bytes())
+        body = (files(package) / name).read_bytes()
+        if HEAD in body:
+            body = body.replace(HEAD, (files(PAGE_FOLDER) / "head.html").read_bytes())
+        return response(HTTPStatus.OK, KINDS[name[name.rindex(".") :]], body)
 
     def protocol_of(self, offered: Iterable[str]) -> Subprotocol | None:
         """Return the subprotocol that a client is answered with, None for a page."""

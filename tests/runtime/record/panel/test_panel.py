@@ -375,7 +375,7 @@ def test_address_of_another_process_is_refused(tmp_path, command_line):
     with running(tmp_path) as run:
         port = run.address.rstrip("/").rpartition(":")[2]
         said = command_line.refused(run.folder / "robot.py", "--panel", port)
-    assert f"cannot listen on 127.0.0.1 port {port}" in said
+    assert f"cannot listen on 127.0.0.1: port {port} is in use" in said
 
 
 def test_page_on_the_loopback_address_of_ipv6(tmp_path):

@@ -88,6 +88,15 @@ def test_one_recording_is_shown_moved_read_and_saved(trials, new_tab, tmp_path):
             at = {"x": place[0] + by * place[2], "y": place[1]}
             tab.call("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **at)
         tab.wait_for(f"parseFloat({WINDOW}) > {first + 0.2 * (last - first)}")
+        # two fingers that part zoom in between them, and one moves
+        keys(tab, "0")
+        before = []
+        for shares in ([-0.05, 0.05], [-0.2, 0.2], [], [0.0], [-0.4], []):
+            kind = "touchEnd" if not shares else "touchMove" if before else "touchStart"
+            points = [{"x": place[0] + at * place[2], "y": place[1], "id": key} for key, at in enumerate(shares)]
+            tab.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+            before = shares
+        assert tab.evaluate(WINDOW) == "9.5 s to 14.5 s"
         # values at the cursor, for screen readers too
         keys(tab, "0", ".")
         assert re.match(r"\d+\.\d\d s: knee position left [\d.]+°, right [\d.]+°; knee torque", tab.text("#told"))
