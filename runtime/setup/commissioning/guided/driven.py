@@ -32,6 +32,7 @@ TORQUE_TOLERANCE = 0.12  # of the torque of the lever
 SHOWN_SHARE = 0.25  # of the expected deflection, below which the drive gives no torque
 SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
 RATE = 200.0  # Hz
+REPLY_TIMEOUT = 0.3  # s without a reply that ends a run; its torque is small, and computers on benches are slow
 SILENCE = 0.4  # s without frames, for a drive without a declared time-out
 FALLEN_SHARE = 0.3  # of the deflection
 AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
@@ -246,7 +247,7 @@ def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe
     limit = LIMIT_SHARE * rated_of(block)
     wanted = min(USED_SHARE * rated_of(block), STEEPEST * lever.torque)
     own = {name: getattr(block, name) for name in block.parameters}
-    changed = {"limit": limit, "zero_at_arming": False, "timeout": max(own["timeout"], 2.0 * silence)}
+    changed = {"limit": limit, "zero_at_arming": False, "timeout": max(own["timeout"], REPLY_TIMEOUT, 2.0 * silence)}
     changed |= {name: block.parameters[name].default for name in ("reference", "known_pose") if name in own}
     if "mode" in own:
         changed["mode"] = block.parameters["mode"].default
