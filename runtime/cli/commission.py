@@ -144,6 +144,7 @@ def off_because(record: Record) -> str:
 
 def record_for(bench: Bench, block: Any) -> Record:
     """Return the record of the unit behind a drive: the fresh one, or a new one."""
+    from runtime.record.storage.provenance import machine, versions
     from runtime.robot.rig.records import Record, records_of, settings_of
     from runtime.setup.commissioning.guided.bench import ask
 
@@ -164,8 +165,14 @@ def record_for(bench: Bench, block: Any) -> Record:
         if not reasons:
             return record
         print_lines([f"  its record {'; '.join(reasons)}: every step is repeated"])
-    firmware = answers[0].firmware if len(answers) == 1 else ""
-    return Record(serial, block.path, type(block).__name__, block.model, firmware, settings_of(block))
+    firmware, bus = answers[0].firmware if len(answers) == 1 else "", bench.rig.buses[block.bus]
+    here = machine()
+    about = {
+        "computer": f"{here['processor'] or here['architecture']}, {here['system']}",
+        "adapter": f"{bus.interface}, {bus.bitrate / 1e3:g} kbit/s",
+        "tickwork": versions().get("tickwork", "unknown"),
+    }
+    return Record(serial, block.path, type(block).__name__, block.model, firmware, about, settings_of(block))
 
 
 def offer(rig: RigFile, cures: dict[str, dict[str, Any]]) -> None:

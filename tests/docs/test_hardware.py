@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from runtime.robot.rig.file import parse
+from runtime.robot.rig.records import DIFFERS, Record, StepRecord
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS, SUITS
 from tests.docs import compatibility, energy, parts, verified
@@ -24,6 +25,11 @@ def test_page_of_verified_drives_is_fresh_and_lists_what_was_sent():
     assert "| AK80-9 | x |" in verified.page([fields]) and "no records" not in verified.page([fields])
     form = (ROOT / ".github" / "ISSUE_TEMPLATE" / "verified.yml").read_text()
     assert re.findall(r"^    id: (\w+)$", form, re.MULTILINE) == list(verified.FIELDS)
+    turned = StepRecord("2026-12-01 14:02", DIFFERS, says=["turned by 1.3 rad"], findings=[("wraps", "at a turn")])
+    signed = {"name": "x", "date": "2026-12-01"}
+    row = verified.row_of(Record("1", "knee", "CubeMars", "AK80-9", signed=signed, steps={"turn": turned}))
+    assert tuple(row) == verified.FIELDS and all(row.values())
+    assert (row["measured"], row["differed"]) == ("turn: turned by 1.3 rad", "wraps: at a turn")
 
 
 def test_list_of_parts_is_fresh():

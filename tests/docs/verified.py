@@ -1,7 +1,11 @@
 """Page docs/hardware/verified.md: drives that were measured, from the records in verified.toml beside it.
 
-python -m tests.docs.verified
+python -m tests.docs.verified                     # writes the page
+python -m tests.docs.verified RECORD.toml ...     # adds records of `commission` that were sent, and writes it
 """
+
+import sys
+from pathlib import Path
 
 try:
     import tomllib
@@ -9,6 +13,7 @@ except ModuleNotFoundError:  # before Python 3.11
     import tomli as tomllib
 
 from blocks.families import find_model
+from runtime.robot.rig.records import AGREES, DIFFERS, Record, of_text, toml
 from tests.checkout import ROOT
 
 PAGE = ROOT / "docs" / "hardware" / "verified.md"
@@ -38,7 +43,8 @@ measurements, in the order of [first steps with any drive](drives.md#first-steps
 | the reading after a turn by hand without power | which turns the encoder counts |
 | the error byte while the housing is warm | the meaning of error codes |
 
-`python -m tests.docs.verified` writes this page from `docs/hardware/verified.toml`.
+[`commission`](../how_to/commission.md) guides through them and writes a record of each unit: attach it to the form.
+`python -m tests.docs.verified RECORD.toml` adds it to `docs/hardware/verified.toml`, and writes this page.
 """
 
 
@@ -60,5 +66,30 @@ def page(found=None):
     return HEAD + (head + line + rows + "\n" if found else NONE) + TAIL
 
 
+def row_of(record: Record):
+    """Return the fields of a record of `commission`."""
+    steps = [(name, step) for name, step in record.steps.items() if step.verdict in (AGREES, DIFFERS)]
+    measured = [f"{name}: {'; '.join(step.says)}" for name, step in steps]
+    return {
+        "model": record.model,
+        "firmware": record.firmware or "not read",
+        "board": f"not recorded, block {record.block}",
+        "computer": record.about.get("computer", "not recorded"),
+        "adapter": record.about.get("adapter", "not recorded"),
+        "who": record.signed["name"],
+        "when": record.signed["date"],
+        "measured": ". ".join(measured).replace("|", "/") or "nothing",
+        "differed": ". ".join(f"{name}: {text}" for name, text in record.findings).replace("|", "/") or "nothing",
+    }
+
+
+def add(paths):
+    """Add the records of files to those of the page."""
+    rows = [row_of(of_text(Path(path).read_text(), Path(path))) for path in paths]
+    lines = [line for row in rows for line in ("", "[[drive]]", *(f"{name} = {toml(row[name])}" for name in FIELDS))]
+    RECORDS.write_text("\n".join([RECORDS.read_text().rstrip("\n"), *lines, ""]))
+
+
 if __name__ == "__main__":
+    add(sys.argv[1:])
     PAGE.write_text(page())

@@ -9,6 +9,7 @@
     block = "DriveBlock"
     model = "D80"
     firmware = "0.2.3.22"
+    about = { computer = "Raspberry Pi 5, Debian 13", adapter = "socketcan, 1000 kbit/s", tickwork = "1.2.0" }
     settings = { can_id = 3, invert = true }            hardware parameters that the measurements rest on
     signed = { name = "E. Person", date = "2026-12-01" }
 
@@ -76,6 +77,7 @@ class Record:
     block: str
     model: str
     firmware: str = ""
+    about: dict[str, str] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     signed: dict[str, str] = field(default_factory=dict)
     steps: dict[str, StepRecord] = field(default_factory=dict)

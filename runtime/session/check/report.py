@@ -12,7 +12,7 @@ from msgspec.structs import asdict
 
 from cext.fused.library import obstacle
 from cext.safety.thresholds import PAGE_SILENCE
-from graph import Device, DiagramError, Signal
+from graph import Actuator, Device, DiagramError, Signal
 from graph.assembly import assemble
 from graph.compiler import examine
 from graph.drawing import wired_to
@@ -29,6 +29,7 @@ from runtime.robot.rig.battery import require_supply
 from runtime.robot.rig.file import read
 from runtime.robot.rig.joints import require_ranges
 from runtime.robot.rig.poses import Poses
+from runtime.robot.rig.records import AGREES, OPEN, records_of
 from runtime.session.check import battery
 
 if TYPE_CHECKING:
@@ -95,6 +96,11 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            motor, A), supply (V), supply_note (reason why it is
                            assumed, ""), supply_current (A, at most)
     simulated              seconds, mean mechanical, heat, power (W), time (h)
+  records                  null without a rig; for each actuator: device, serial, by
+                           and date of its record (null: it rests on the table
+                           alone), agrees (steps of `commission`), open (steps
+                           that measured nothing), findings, mismatches (reasons
+                           why the record does not apply)
   plant                    given (true: defined in the file), blocks, rate;
                            null without devices
   errors, warnings         code, title, path, port, at (file:line), message,
@@ -165,6 +171,7 @@ def check(
         "buses": buses(diagram, schedule),
         "page": None if panel is None else {"panel": panel.path, "silence": PAGE_SILENCE * 1e-9},
         "battery": budget,
+        "records": None if rig_file is None else describe_records(rig_file.path, diagram),
         "plant": plant,
         "errors": [_describe(d) for d in errors],
         "warnings": [_describe(d) for d in analysis.diagnostics if d.severity == "warning"] + overloads,
@@ -182,9 +189,27 @@ def report_of_refusal(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str
         "schedule": None,
         "page": None,
         "battery": None,
+        "records": None,
         "plant": None,
         "errors": [_describe(d) for d in diagnostics],
     }
+
+
+def describe_records(rig: Path, diagram: Diagram) -> list[dict[str, Any]]:
+    """Describe the record of each actuator. rig : path of the rig file"""
+    records, described = records_of(rig), []
+    for block in (block for block in diagram if isinstance(block, Actuator)):
+        record = records.get(block.path)
+        row: dict[str, Any] = {"device": block.path, **dict.fromkeys(("serial", "by", "date"))}
+        row |= {"agrees": [], "open": [], "findings": [], "mismatches": []}
+        if record is not None:
+            row |= {"serial": record.serial, "by": record.signed["name"], "date": record.signed["date"]}
+            row["agrees"] = [name for name, step in record.steps.items() if step.verdict == AGREES]
+            row["open"] = [name for name, step in record.steps.items() if step.verdict == OPEN]
+            row["findings"] = [name for name, _ in record.findings]
+            row["mismatches"] = record.mismatches(block)
+        described.append(row)
+    return described
 
 
 def _bound(value: float) -> float | None:

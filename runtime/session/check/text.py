@@ -50,6 +50,7 @@ def text(report: Mapping[str, Any], console: Console) -> list[str]:
         for section in (_ports, _schedule, holds, _proofs, _buses, _page):
             lines += section(report, console)
         lines += battery_lines(report["battery"], console)
+        lines += _records(report, console)
     for problem in report["errors"]:
         lines += diagnostic_lines(problem, console, console.error, "error")
     for problem in report["warnings"]:
@@ -309,6 +310,23 @@ def _page(report: Mapping[str, Any], console: Console) -> list[str]:
         f"{report['page']['silence'] * 1e3:g} ms"
     )
     return ["", *console.hang(console.bold("page") + "  ", words)]
+
+
+def _records(report: Mapping[str, Any], console: Console) -> list[str]:
+    if not report["records"]:
+        return []
+    lines = _section("records", console, "what rests on a record of `commission`; the rest rests on tables")
+    width = max(len(row["device"]) for row in report["records"])
+    for row in report["records"]:
+        words, style = "no record: every number is that of a table", console.faint
+        if row["serial"] is not None:
+            words, style = f"{row['serial']}, {row['by']}, {row['date']}: {', '.join(row['agrees']) or 'nothing'}", str
+        if row["mismatches"]:
+            words, style = f"{row['serial']} does not apply: it {'; it '.join(row['mismatches'])}", console.warn
+        elif row["findings"]:
+            words, style = f"{words}; found: {', '.join(row['findings'])}", console.warn
+        lines += console.hang(f"  {row['device']:<{width}}  ", words, style)
+    return lines
 
 
 # Errors and warnings

@@ -62,3 +62,32 @@ def test_a_record_applies_while_unit_and_parameters_are_the_same_and_it_is_fresh
 def test_another_file_is_refused(tmp_path, text):
     with pytest.raises(BadInput, match="is not a record of `commission`"):
         records.of_text(text, tmp_path / "x.toml")
+
+
+def test_check_shows_what_rests_on_a_record(tmp_path):
+    from runtime.host.console.styles import Console
+    from runtime.session.check.report import check
+    from runtime.session.check.text import text
+
+    rig = tmp_path / "lab.toml"
+    rig.write_text('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n[device.knee]\nrange = [-2, 2]\n')
+    robot = tmp_path / "robot.py"
+    robot.write_text(
+        "from blocks.actuators import CubeMars\nfrom graph import Diagram\nwith Diagram('knee', rate=200) as diagram:\n"
+        "    CubeMars('AK80-9', bus='legs', can_id=3, name='knee')(torque_command=0.0)\n"
+    )
+
+    def shown():
+        report = check(robot, rig=rig)
+        return report["records"], "\n".join(text(report, Console(200)))
+
+    assert "knee  no record: every number is that of a table" in shown()[1]
+    unit = record(settings={"can_id": 3})
+    unit.signed["date"] = f"{datetime.date.today()}"
+    unit.steps["bus"] = StepRecord("2026-12-01 14:00", records.AGREES)
+    write(rig, unit)
+    (row,), words = shown()
+    assert (row["serial"], row["agrees"], row["findings"], row["mismatches"]) == ("A 1", ["bus"], ["direction"], [])
+    assert f"knee  A 1, E. Person, {datetime.date.today()}: bus; found: direction" in words
+    robot.write_text(robot.read_text().replace("can_id=3", "can_id=4"))
+    assert "knee  A 1 does not apply: it was measured with can_id = 3" in shown()[1]
