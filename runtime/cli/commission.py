@@ -56,10 +56,13 @@ def main(arguments: Sequence[str]) -> int:
 
 def commission(options: Namespace) -> int:
     """Commission the devices that the options select. Returns the exit code."""
+    from runtime.record.recorder import can_ask
     from runtime.robot.loading.file import compile_diagram, load
     from runtime.robot.rig.file import read
     from runtime.setup.commissioning.guided.bench import Bench, ask
 
+    if not can_ask():
+        raise BadInput("the operator answers at each step: run commission in a terminal, without pipes")
     rig = read(options.rig)
     file, diagram = load(options.file, options.settings, rig)
     compile_diagram(file.path, diagram)

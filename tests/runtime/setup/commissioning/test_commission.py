@@ -9,9 +9,12 @@ import pytest
 from blocks import actuators as actuators_module
 from blocks.actuators import CubeMars
 from graph import Diagram
+from runtime.host.errors import BAD_INPUT
 from runtime.robot.rig.records import AGREES, Record, StepRecord, settings_of, write
+from tests.runtime.runs import finished, knee
+from tests.runtime.runs import write as write_file
 from tests.runtime.setup.commissioning.benched import Benched
-from tests.runtime.setup.commissioning.nodes import DISABLE, ENABLE, Node
+from tests.runtime.setup.commissioning.nodes import DISABLE, ENABLE, Mit, Node, Nodes
 
 pytestmark = pytest.mark.paced
 
@@ -49,6 +52,18 @@ def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path,
         assert frames[-1] == DISABLE and ENABLE not in frames[frames.index(ENABLE) + 60 :]
         assert code not in (0, 1) and "torque" not in bench.records()["knee"].steps
         assert 0.0 < bench.torque("knee") <= 0.05 * 9.0
+
+
+@pytest.mark.hazard("H4i")
+def test_without_a_terminal_nothing_is_sent(tmp_path):
+    drive = Mit(3)
+    with Nodes(119, drive) as nodes:
+        rig = write_file(
+            tmp_path, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{nodes.channel}"\n', "lab.toml"
+        )
+        process = finished("commission", rig, knee(tmp_path), "--name", "E. Person", cwd=tmp_path)
+    assert process.returncode == BAD_INPUT and "run commission in a terminal" in process.stderr
+    assert drive.heard == []
 
 
 MIT = {  # {drive: ((block, model, id, faults of the emulator, parameters of the block), name of the finding)}
