@@ -18,7 +18,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, stack, subsystem
-from parts import CUFF_LEVER, SIDES, assist, drive, flexion, imu, insole, learned_gait, leg_torque, walk
+from parts import CUFF_LEVER, SIDES, assist, drive, flexion, imu, insole, learned_gait, leg_torque, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 LIMITS = {"AK80-9": 8.0, "CyberGear": 4.0}  # N·m
@@ -38,13 +38,14 @@ def build(model="AK80-9", right_model="", mass=70.0, assistance=1.0, peak_time=0
     limit = min(LIMITS[name] for name in models.values())
     with Diagram("ankle_exo", rate=200) as diagram:
         imu("pelvis", "133960")
-        thighs, shanks, bounds, loads = {}, {}, {}, {}
+        thighs, shanks, bounds, soles, loads = {}, {}, {}, {}, {}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
                 thighs[side], shanks[side] = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
                 torque = leg_torque("ankle", flexion("knee", thighs[side], shanks[side]), thighs[side], mass)
                 bounds[side] = BiologicalTorque(share, delay=0.0, name="bound")(torque)
-                loads[side] = Saturation(0.0, 1.0, name="load")(insole(side).load / FULL_LOAD)
+                soles[side] = insole(side).load
+                loads[side] = Saturation(0.0, 1.0, name="load")(soles[side] / FULL_LOAD)
                 cell = NAU7802(
                     bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, timeout=0.1, name="ankle_cell"
                 )
@@ -58,6 +59,8 @@ def build(model="AK80-9", right_model="", mass=70.0, assistance=1.0, peak_time=0
             with subsystem(side):
                 torque = Max(name="bounded")(torques[number], bounds[side]) * loads[side]
                 assist(drive(side, "ankle", number + 1, models[side]), torque, walking, leg, limit=limit, slew=300.0)
+        placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram

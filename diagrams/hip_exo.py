@@ -10,7 +10,7 @@ the torque fades when that is not certain. Angles are flexion from upright; posi
 """
 
 from blocks.actuators import CubeMars
-from blocks.gait import DelayedOutputFeedback, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
+from blocks.gait import DelayedOutputFeedback, GaitState, PhaseKalmanFilter, SensorPlacement, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.recorders import CsvRecorder
@@ -30,8 +30,16 @@ def build(gain=4.0, delay=0.25):
             **{f"left_{name}": signal for name, signal in left[1].items()},
             **{f"right_{name}": signal for name, signal in right[1].items()},
         )
-        hip("left", 1, feedback.left_torque, state.walking, invert=True)
-        hip("right", 2, feedback.right_torque, state.walking, invert=False)
+        drives = (
+            hip("left", 1, feedback.left_torque, state.walking, invert=True),
+            hip("right", 2, feedback.right_torque, state.walking, invert=False),
+        )
+        SensorPlacement("thigh IMUs", "hip drives", name="placement")(
+            left_reference=drives[0].velocity,
+            right_reference=drives[1].velocity,
+            left=left[1]["velocity"],
+            right=right[1]["velocity"],
+        )
         CsvRecorder()
         PlotJuggler()
     return diagram
@@ -51,11 +59,12 @@ def thigh(side, serial):
 
 
 def hip(side, can_id, torque, walking, invert):
-    """Command one hip actuator with a limited torque, while the wearer walks."""
+    """Command one hip actuator with a limited torque, while the wearer walks, and return it."""
     with subsystem(side):
         drive = CubeMars("AK80-9", bus="hips", can_id=can_id, invert=invert, name="hip")
         gated = TorqueGate(name="gate")(u=torque, enable=walking)
         drive(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(gated))
+    return drive
 
 
 def plant(robot, speed="1.2", recording=""):
@@ -71,6 +80,6 @@ def plant(robot, speed="1.2", recording=""):
             drive(position=getattr(motion, f"{side}_thigh_pitch"), velocity=getattr(motion, f"{side}_thigh_motion")[7])
             with subsystem(side):
                 sensor = SegmentIMU(along=0.2, forward=0.08)(getattr(motion, f"{side}_thigh_motion"))
-                imu = robot[f"{side}/thigh_imu"].emulator()
+                imu = robot[f"{side}/thigh_imu"].emulator(name="thigh_imu")
                 imu(quaternion=sensor.quaternion, gyro=sensor.gyro, accel=sensor.accel)
     return wearer

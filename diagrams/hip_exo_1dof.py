@@ -10,7 +10,7 @@ of it, delayed and smoothed. (Molinaro et al. 2024) Thighs and insoles decide wh
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, walk
+from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -18,16 +18,23 @@ def build(mass=70.0, scale=0.15, delay=0.15):
     """Return the robot. mass : mass of the wearer, kg; scale, delay : share of the biological torque, its delay in s"""
     with Diagram("hip_exo_1dof", rate=200) as diagram:
         imu("pelvis", "133940")
-        thighs, gaits = {}, {}
+        thighs, shanks, loads, gaits = {}, {}, {}, {}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
-                thighs[side], shank = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
-                gaits[side] = gait(thighs[side].angle, thighs[side].velocity, insole(side).strike, shank)
+                thighs[side], shanks[side] = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
+                sole = insole(side)
+                loads[side] = sole.load
+                gaits[side] = gait(thighs[side].angle, thighs[side].velocity, sole.strike, shanks[side])
         walking = walk(gaits)
         torques = hip_assistance(thighs, mass, scale, delay)
+        hips = {}
         for can_id, (side, leg) in enumerate(gaits.items(), 1):
             with subsystem(side):
-                assist(drive(side, "hip", can_id), torques[side], walking, leg)
+                hips[side] = drive(side, "hip", can_id)
+                assist(hips[side], torques[side], walking, leg)
+        placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
+        placed("insoles", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "insoles", loads, opposite=True, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram

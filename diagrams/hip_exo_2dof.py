@@ -13,7 +13,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, walk
+from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -27,27 +27,33 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
     with Diagram("hip_exo_2dof", rate=200) as diagram:
         imu("trunk", "133910")
         imu("pelvis", "133911")
-        thighs, shanks, stances = {}, {}, {}
+        thighs, shanks, feet, loads, stances, hips = ({} for _ in range(6))
         for number, side in enumerate(SIDES):
             with subsystem(side):
                 segments = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
-                thighs[side], shanks[side], _ = segments
-                stances[side] = stance(number)
+                thighs[side], shanks[side], feet[side] = segments
+                sole = resistors(number)
+                loads[side], stances[side] = sole.load, sole.contact
         gaits = learned_gait(thighs, shanks)
         walking = walk(gaits)
         torques = hip_assistance(thighs, mass, scale, delay)
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):
-                assist(drive(side, "hip", 1 + 2 * number), torques[side], walking, leg)
+                hips[side] = drive(side, "hip", 1 + 2 * number)
+                assist(hips[side], torques[side], walking, leg)
                 held = TorqueGate(fade_in=0.1, fade_out=0.05, name="stance_gate")(u=support, enable=stances[side])
                 assist(drive(side, "abduction", 2 + 2 * number), held, walking, leg)
+        placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
+        placed("resistors", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "resistors", loads, opposite=True, enable=walking)
+        placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
-def stance(number):
-    """Return whether a foot bears load, from its two resistors. number : 0 for the left foot, 1 for the right one"""
+def resistors(number):
+    """Return the events of contact of one foot, from its two resistors. number : 0 left, 1 right"""
     converter = ADS1115(channels=("a0", "a1"), address=0x48 + number, timeout=0.1, bus="feet", name="converter")
     load = FSR(name="heel")(converter.a0).force + FSR(name="forefoot")(converter.a1).force
-    return ContactEvents(smallest=10.0, name="events")(load).contact
+    return ContactEvents(smallest=10.0, name="events")(load)

@@ -14,7 +14,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import Microcontroller
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
-from parts import SIDES, assist, drive, gait, pitch, walk
+from parts import SIDES, assist, drive, gait, pitch, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 FIELDS = (
@@ -37,9 +37,12 @@ def build(gain=6.0, delay=0.22):
         torques = DelayedOutputFeedback(Live(gain, max=9.0), delay, name="feedback")(
             left_angle=thighs["left"].angle, right_angle=thighs["right"].angle
         )
+        hips = {}
         for can_id, (side, torque) in enumerate(zip(SIDES, torques), 1):
             with subsystem(side):
-                assist(drive(side, "hip", can_id, "AK80-9-V2.0"), torque, walking, gaits[side])
+                hips[side] = drive(side, "hip", can_id, "AK80-9-V2.0")
+                assist(hips[side], torque, walking, gaits[side])
+        placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -13,7 +13,7 @@ from blocks.logic import And, Or
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import PROFILES, SIDES, assist, drive, imu, insole, learned_gait, walk
+from parts import PROFILES, SIDES, assist, drive, imu, insole, learned_gait, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -21,19 +21,25 @@ def build(assistance=1.0):
     """Return the robot. assistance : scale of all torque profiles, from 0 to 1"""
     with Diagram("hip_knee_exo", rate=200) as diagram:
         imu("pelvis", "133980")
-        thighs, shanks, contacts = {}, {}, []
+        thighs, shanks, soles = {}, {}, {}
+        drives = {joint: {} for joint in PROFILES}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
                 thighs[side], shanks[side] = imu("thigh", f"13398{number}"), imu("shank", f"13399{number}")
-                contacts.append(insole(side).contact)
+                soles[side] = insole(side)
         gaits = learned_gait(thighs, shanks)
-        walking = And()(walk(gaits), Or()(*contacts))
+        walking = And()(walk(gaits), Or()(*(sole.contact for sole in soles.values())))
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):
                 for can_id, (joint, points) in enumerate(PROFILES.items(), 1 + 2 * number):
                     profile = TorqueProfile(points, scale=assistance, name=f"{joint}_profile")
                     torque = profile(phase=leg.phase, enable=leg.walking)
-                    assist(drive(side, joint, can_id), torque, walking, leg, slew=200.0)
+                    drives[joint][side] = drive(side, joint, can_id)
+                    assist(drives[joint][side], torque, walking, leg, slew=200.0)
+        loads = {side: sole.load for side, sole in soles.items()}
+        placed("thigh IMUs", rates(thighs), "hip drives", rates(drives["hip"]))
+        placed("shank IMUs", rates(shanks), "knee drives", rates(drives["knee"]), opposite=True, enable=walking)
+        placed("insoles", loads, "shank IMUs", rates(shanks), opposite=True, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -15,7 +15,7 @@ from blocks.mathematics import Max, Min
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, walk
+from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 # Torques over the gait phase, N·m: largest extension, and flexion.
@@ -27,24 +27,32 @@ def build(mass=70.0, share=0.3, delay=0.1):
     """Return the robot. mass : mass of the wearer, kg; share, delay : share of the biological torque, its delay in s"""
     with Diagram("knee_exo_gatech", rate=200) as diagram:
         legs = {side: leg(side, number, mass) for number, side in enumerate(SIDES, 1)}
-        walking = walk({side: phase for side, (phase, _) in legs.items()})
-        for number, (side, (phase, torque)) in enumerate(legs.items(), 1):
+        walking = walk({side: phase for side, (phase, *_) in legs.items()})
+        knees = {}
+        for number, (side, (phase, torque, _)) in enumerate(legs.items(), 1):
             with subsystem(side):
                 biological = BiologicalTorque(Live(share, max=0.5), delay, name="assistance")(torque)
                 bound = TorqueProfile(EXTENSION, name="bound")(phase=phase.phase, enable=phase.walking)
                 extension = Max(name="extension")(Min()(biological, 0.0), bound)
                 flex = TorqueProfile(FLEXION, name="flexion")(phase=phase.phase, enable=phase.walking)
-                knee = drive(side, "knee", number, "AK10-9-V2.0")
-                assist(knee, extension + flex, walking, phase, limit=12.0, slew=300.0)
+                knees[side] = drive(side, "knee", number, "AK10-9-V2.0")
+                assist(knees[side], extension + flex, walking, phase, limit=12.0, slew=300.0)
+        thighs, shanks, feet, loads = ({side: leg[2][place] for side, leg in legs.items()} for place in range(4))
+        placed("shank IMUs", shanks, "knee drives", rates(knees), opposite=True, enable=walking)
+        placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
+        placed("insoles", loads, "shank IMUs", shanks, opposite=True, enable=walking)
+        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def leg(side, number, mass):
-    """Return the Gait of one leg and the biological torque of its knee."""
+    """Return the Gait of one leg, the biological torque of its knee, and (rates of its segments, load on its foot)."""
     with subsystem(side):
         thigh, shank, foot = (imu(segment, f"1339{number}{place}") for place, segment in enumerate(SEGMENTS))
         flexion("ankle", foot, shank)
         knee = flexion("knee", thigh, shank)
-        return gait(*thigh, insole(side).strike, shank), leg_torque("knee", knee, thigh, mass)
+        sole = insole(side)
+        signals = thigh.velocity, shank.velocity, foot.velocity, sole.load
+        return gait(*thigh, sole.strike, shank), leg_torque("knee", knee, thigh, mass), signals

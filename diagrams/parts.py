@@ -9,7 +9,15 @@ from typing import NamedTuple
 
 from blocks.actuators import Actuator
 from blocks.filters import Complementary
-from blocks.gait import BiologicalTorque, ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
+from blocks.gait import (
+    BiologicalTorque,
+    ContactEvents,
+    GaitState,
+    PhaseKalmanFilter,
+    SensorPlacement,
+    ThighEvents,
+    TorqueGate,
+)
 from blocks.imus import MicroStrain
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.logic import Compare
@@ -149,6 +157,23 @@ def walk(gaits):
     """Return whether both legs walk forward, half a stride apart. gaits : {side: Gait}"""
     named = ((f"{side}_{name}", signal) for side, leg in gaits.items() for name, signal in leg._asdict().items())
     return GaitState(name="state")(**{name: signal for name, signal in named if signal is not None}).walking
+
+
+def rates(legs):
+    """Return {side: velocity} of {side: Motion or actuator}."""
+    return {side: leg.velocity for side, leg in legs.items()}
+
+
+def placed(sensors, signals, reference, references, **options):
+    """End the run if sensors of both legs are exchanged or reversed.
+
+    sensors, reference : their names in the fault; signals, references : {side: Signal}; options : of SensorPlacement,
+    and `enable`
+    """
+    enable = {"enable": options.pop("enable")} if "enable" in options else {}
+    monitor = SensorPlacement(sensors, reference, name=f"{sensors.replace(' ', '_')}_placement", **options)
+    inputs = signals | {f"{side}_reference": signal for side, signal in references.items()}
+    monitor(**inputs, **enable)
 
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):

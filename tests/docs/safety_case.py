@@ -186,6 +186,7 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "c": "A missing sample becomes NaN, and is not stored in an estimate.",
             "d": "A sensor that is unplugged ends the run.",
             "e": "Walking backward, stepping in place, turning on the spot, hopping and sitting down are not assisted.",
+            "f": "Sensors that are exchanged between the legs, upside down or turned end the run.",
         },
     ),
     "H13": (

@@ -115,6 +115,15 @@ SHOWN = {
             "velocity": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
         },
     ),
+    "SensorPlacement": Shown(
+        {"sensors": "thigh IMUs", "reference": "hip drives"},
+        {
+            "left_reference": "walker.left_hip_velocity",
+            "right_reference": "walker.right_hip_velocity",
+            "left": "walker.left_thigh_motion[7]",
+            "right": "walker.right_thigh_motion[7]",
+        },
+    ),
     "SplineProfile": Shown({"point_3": 4.0, "point_4": 10.0, "point_5": 2.0}),
     "StateMachine": Shown(inputs={"u": "Sine(amplitude=2.0)()"}, style="waves"),
     "StrideEnvelope": Shown(

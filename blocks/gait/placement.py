@@ -1,0 +1,61 @@
+"""Comparison of sensors on both legs with a reference, before torque relies on them."""
+
+from __future__ import annotations
+
+from cext.kernels import gait_placement as kernels
+from graph import Block, Input, Memory, Output, Param
+
+
+class SensorPlacement(Block):
+    """Fault of sensors that are exchanged between left and right, upside down or turned by 90°.
+
+    agreement = correlation of (left − right) of the sensors with (left − right) of a reference, in means over 0.6 s: 1
+    for a hip drive and the inertial sensors of the thighs, −1 if these are exchanged. The run ends with a fault that
+    names the sensors after 0.2 s in which, and while the legs have moved for 0.6 s and `enable` is true,
+
+        exchanged    agreement < −0.1, and neither sensor has a correlation above 0.3 with the reference of its leg
+        upside down  correlation of a sensor with that < −0.3
+        turned       variance of a sensor below 0.06 of that of the other leg, whose reference moves alike
+
+    References of a hip drive are the rates of the thighs, of a knee drive those of the shanks (`opposite`), and of a
+    shank those of the foot. Load on a foot and the rate of its thigh or shank are `opposite` in walking only: connect
+    `enable` to the `walking` of a GaitState. Without a right leg, leave its inputs unconnected.
+
+    Limits: which of sensors and references are exchanged does not show; two sensors that are both upside down count as
+    exchanged. Direct feedthrough; NaN and infinity give NaN and are not stored.
+    """
+
+    sensors = Param("sensors", "1", 'name of the sensors in the fault, such as "thigh IMUs"', dtype=str)
+    reference = Param("reference", "1", 'name of the references, such as "hip drives"', dtype=str)
+    opposite = Param(
+        False, "1", "true if sensor and reference move in opposite directions", dtype=bool, fixed=True, kernel=False
+    )
+
+    left_reference = Input("any", "signal of the left leg that is known to be of the left leg")
+    right_reference = Input("any", "the same of the right leg", default=0.0)
+    left = Input("any", "signal of the left sensor")
+    right = Input("any", "signal of the right sensor", default=0.0)
+    enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
+    agreement = Output("1", "correlation of sensors and references, left less right")
+    sign = Memory(1.0, "sign of the correlation")
+    moments = Memory((0.0,) * 16, "moments of sensors and references, times of motion and of disagreement")
+
+    kernel = kernels.placement
+    free_units = ("left_reference", "right_reference")
+
+    def configure(self) -> None:
+        self.sign = -1.0 if self.opposite else 1.0
+
+    def fault_text(self, status: int) -> str:
+        """Return which sensors are misplaced, and what to do."""
+        side = ("left", "right")[status % 2 == 0]
+        if status == 64:
+            return (
+                f"the {self.sensors} of left and right are exchanged, or the {self.reference}: they follow the "
+                "other leg. Exchange them, or their serial numbers or IDs in the diagram"
+            )
+        if status in (65, 66):
+            return f"the {side} one of the {self.sensors} moves against the {self.reference}: turn it the right way up"
+        return (
+            f"the {side} one of the {self.sensors} does not move with the {self.reference}: turn it as in the diagram"
+        )

@@ -1,0 +1,112 @@
+# cython: freethreading_compatible=True
+"""Sensors of the left and the right leg that are exchanged, upside down or turned."""
+
+from libc.math cimport NAN, sqrt
+from libc.stdint cimport int32_t
+
+from cext.abi cimport DT, FIRST_OWN_STATUS, ITEMS, OK, export, items, kernel_t
+from cext.kernels.limits cimport is_finite
+
+cdef enum:                              # statuses
+    EXCHANGED = FIRST_OWN_STATUS
+    LEFT_REVERSED = FIRST_OWN_STATUS + 1
+    RIGHT_REVERSED = FIRST_OWN_STATUS + 2
+    LEFT_STILL = FIRST_OWN_STATUS + 3
+    RIGHT_STILL = FIRST_OWN_STATUS + 4
+
+cdef double MEAN_TIME = 0.6             # s, time constant of all means
+cdef double MOVING = 0.3                # standard deviation of the reference, left less right, from which legs move
+cdef double MOVED_TIME = 0.6            # s of motion before the first comparison
+cdef double FAULT_TIME = 0.2            # s of disagreement that are a fault
+cdef double EXCHANGED_LIMIT = -0.1      # correlation of the differences between the legs
+cdef double REVERSED_LIMIT = -0.3       # correlation of a sensor with its reference
+cdef double FOLLOWING_LIMIT = 0.3       # the same, above which it follows its reference
+cdef double STILL_SHARE = 0.06          # of the variance of the other leg's sensor,
+cdef double MOVING_SHARE = 0.25         # while its reference has this share
+
+
+cdef struct Placement:
+    int32_t left_reference, right_reference, left, right, enable, agreement
+    int32_t sign                # -1 if sensor and reference move in opposite directions
+    int32_t moments             # see below
+
+PLACEMENT = items((<Placement *>ITEMS)[0], "moments[16]")
+
+cdef enum:
+    Q = 0                       # means of both references,
+    X = 2                       # of both sensors,
+    QQ = 4                      # and of products: reference and sensor with themselves,
+    XX = 6
+    OWN = 8                     # reference with the sensor of its leg,
+    CROSS = 10                  # and with that of the other leg
+    Q_BOTH = 12                 # both references, and both sensors
+    X_BOTH = 13
+    MOVED = 14                  # s of motion
+    WRONG = 15                  # s of disagreement
+
+
+cdef inline double correlation(double covariance, double one, double other) noexcept nogil:
+    """Return the correlation from a covariance and two variances, 0 where one is constant."""
+    return covariance / sqrt(one * other) if one > 0.0 and other > 0.0 else 0.0
+
+
+cdef int placement_kernel(double *arena, const Placement *at, const Placement *sizes) noexcept nogil:
+    cdef double *m = arena + at.moments
+    cdef double q[2]
+    cdef double x[2]
+    cdef double own[2]
+    cdef double vq[2]
+    cdef double vx[2]
+    cdef double share = min(1.0, arena[DT] / MEAN_TIME)
+    cdef double c, spread_q, spread_x, agreement
+    cdef int i, k
+    cdef int status = OK
+    q[0] = arena[at.left_reference]
+    q[1] = arena[at.right_reference]
+    x[0] = arena[at.sign] * arena[at.left]
+    x[1] = arena[at.sign] * arena[at.right]
+    if not is_finite(q[0] + q[1] + x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
+        arena[at.agreement] = NAN
+        return OK
+    # 1. Moments of references and sensors.
+    for i in range(2):
+        k = 1 - i
+        m[Q + i] += share * (q[i] - m[Q + i])
+        m[X + i] += share * (x[i] - m[X + i])
+        m[QQ + i] += share * (q[i] * q[i] - m[QQ + i])
+        m[XX + i] += share * (x[i] * x[i] - m[XX + i])
+        m[OWN + i] += share * (q[i] * x[i] - m[OWN + i])
+        m[CROSS + i] += share * (q[i] * x[k] - m[CROSS + i])
+    m[Q_BOTH] += share * (q[0] * q[1] - m[Q_BOTH])
+    m[X_BOTH] += share * (x[0] * x[1] - m[X_BOTH])
+    for i in range(2):
+        vq[i] = m[QQ + i] - m[Q + i] * m[Q + i]
+        vx[i] = m[XX + i] - m[X + i] * m[X + i]
+    # 2. The difference between the legs: that of the sensors follows that of the references.
+    spread_q = vq[0] + vq[1] - 2.0 * (m[Q_BOTH] - m[Q] * m[Q + 1])
+    spread_x = vx[0] + vx[1] - 2.0 * (m[X_BOTH] - m[X] * m[X + 1])
+    c = 0.0
+    for i in range(2):
+        own[i] = m[OWN + i] - m[Q + i] * m[X + i]
+        c += own[i] - m[CROSS + i] + m[Q + i] * m[X + 1 - i]
+    agreement = correlation(c, spread_q, spread_x)
+    arena[at.agreement] = agreement
+    m[MOVED] = m[MOVED] + arena[DT] if spread_q > MOVING * MOVING else 0.0
+    if m[MOVED] < MOVED_TIME or arena[at.enable] == 0.0:
+        m[WRONG] = 0.0
+        return OK
+    for i in range(2):
+        own[i] = correlation(own[i], vq[i], vx[i])
+    # 3. Exchanged sensors disagree on both legs, a reversed one on its own; a turned one hardly moves.
+    if agreement < EXCHANGED_LIMIT and max(own[0], own[1]) < FOLLOWING_LIMIT:
+        status = EXCHANGED
+    for i in range(2):
+        if status == OK and vx[i] < STILL_SHARE * vx[1 - i] and vq[i] > MOVING_SHARE * vq[1 - i]:
+            status = RIGHT_STILL if i else LEFT_STILL
+        elif status == OK and own[i] < REVERSED_LIMIT:
+            status = RIGHT_REVERSED if i else LEFT_REVERSED
+    m[WRONG] = m[WRONG] + arena[DT] if status != OK else 0.0
+    return status if m[WRONG] > FAULT_TIME else OK
+
+
+placement = export(<kernel_t>placement_kernel, PLACEMENT)

@@ -1,0 +1,52 @@
+"""Sensors that are exchanged, upside down or turned, against a reference on both legs."""
+
+import numpy as np
+import pytest
+
+from blocks.gait import SensorPlacement
+from graph import Diagram
+from runtime.setup.bench.gait import play
+from runtime.setup.bench.gait_recordings import legs
+from tests.blocks.gait.walks import RATE
+from tests.blocks.running import player, run
+from tests.shared import shared
+
+# Gains from the rate of the left and of the right leg to the sensors of both, the status and what its text contains.
+MISPLACED = {
+    "exchanged": (((0.0, 1.0), (1.0, 0.0)), "kernel status 64", "thigh IMUs of left and right are exchanged"),
+    "left upside down": (((-1.0, 0.0), (0.0, 1.0)), "kernel status 65", "the left one of the thigh IMUs moves against"),
+    "right upside down": (((1.0, 0.0), (0.0, -1.0)), "kernel status 66", "the right one of the thigh IMUs moves"),
+    "left turned": (((0.1, 0.0), (0.0, 1.0)), "kernel status 67", "the left one of the thigh IMUs does not move"),
+    "right turned": (((1.0, 0.0), (0.0, 0.1)), "kernel status 68", "the right one of the thigh IMUs does not move"),
+    "both upside down": (((-1.0, 0.0), (0.0, -1.0)), "kernel status 64", "exchanged"),
+}
+
+
+def compared(gains, opposite=False, enable=None):
+    """Return the outcome and the agreement of a comparison of thighs with hips in recorded walking."""
+    walk = [play(leg, "steady", RATE).signals for leg in legs(shared("gait/healthy_young.csv"), {})]
+    rates = np.stack([signals["thigh_velocity"] for signals in walk])
+    sensors = (-1.0 if opposite else 1.0) * np.array(gains) @ rates
+    with Diagram("placement", RATE) as diagram:
+        signals = {"left_reference": rates[0], "right_reference": rates[1], "left": sensors[0], "right": sensors[1]}
+        inputs = {name: player(values, "rad/s") for name, values in signals.items()}
+        if enable is not None:
+            inputs["enable"] = player(np.full(2, enable), dtype=bool)
+        SensorPlacement("thigh IMUs", "hip drives", opposite, name="monitor")(**inputs)
+    return diagram["monitor"], run(diagram, int(20.0 * RATE))
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("opposite", [False, True])
+@pytest.mark.parametrize("gains, status, text", MISPLACED.values(), ids=list(MISPLACED))
+def test_misplaced_sensors_are_a_fault_within_two_seconds_of_walking(gains, status, text, opposite):
+    monitor, trial = compared(gains, opposite)
+    assert trial.outcome.status == status and trial.time[-1] < 2.0
+    assert text in monitor.fault_text(int(status.split()[-1]))
+
+
+def test_correct_sensors_agree_and_a_disabled_comparison_reports_nothing():
+    _, trial = compared(((1.0, 0.0), (0.0, 1.0)))
+    assert trial.outcome.status == "ok" and trial["monitor.agreement"][200:].min() > 0.99
+    _, trial = compared(MISPLACED["exchanged"][0], enable=False)
+    assert trial.outcome.status == "ok" and trial["monitor.agreement"][200:].max() < -0.99

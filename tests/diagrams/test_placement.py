@@ -1,0 +1,49 @@
+"""Sensors of the wearer that are exchanged between the legs: a fault before torque acts in full."""
+
+import pytest
+from msgspec.structs import replace
+
+from runtime.robot.loading.file import build_plant, load
+from tests.blocks.running import run
+from tests.diagrams.robots import path
+
+SIDES = ("left", "right")
+THIGHS, SHANKS, FEET = (f"{segment} IMUs" for segment in ("thigh", "shank", "foot"))
+# Devices of each leg of a robot, and what the fault calls them.
+PLACED = {
+    "hip_exo": {"thigh_imu": THIGHS},
+    "hip_exo_teensy": {"thigh_imu": THIGHS},
+    "hip_exo_1dof": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
+    "hip_exo_2dof": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "converter": "resistors"},
+    "hip_knee_exo": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
+    "knee_exo_gatech": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "insole": "insoles"},
+    "ankle_exo": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
+}
+# Each kind of sensor, and each kind of reference; the rest is soak.
+QUICK = {
+    ("hip_exo", "thigh_imu"),
+    ("hip_knee_exo", "shank_imu"),
+    ("hip_exo_2dof", "converter"),
+    ("ankle_exo", "insole"),
+}
+PAIRS = [
+    pytest.param(robot, device, name, marks=() if (robot, device) in QUICK else pytest.mark.soak)
+    for robot, devices in PLACED.items()
+    for device, name in devices.items()
+]
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("robot, device, name", PAIRS)
+def test_exchanged_sensors_end_the_run_before_the_torque_is_full(robot, device, name):
+    file, diagram = load(path(robot))
+    plant = build_plant(file, diagram)
+    left, right = (plant[f"{side}/{device}"] for side in SIDES)
+    other = {left: right, right: left}
+    plant.wires[:] = [replace(wire, block=other.get(wire.block, wire.block)) for wire in plant.wires]
+    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
+    assert trial.outcome.status == "kernel status 64", trial.outcome
+    text = diagram[trial.outcome.culprit].fault_text(64)
+    assert f"the {name} of left and right are exchanged" in text or f"or the {name}:" in text
+    walking = trial.time[trial["state.walking"] > 0.0]
+    assert not len(walking) or trial.time[-1] - walking[0] < 0.3  # s, of the 0.5 s in which torque fades in
