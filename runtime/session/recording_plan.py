@@ -15,7 +15,7 @@ from blocks.actuators.drive import Drive
 from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
 from cext.clock.stopwatch import names
-from graph import Actuator
+from graph import Actuator, Signal
 from graph.store import to_json
 from runtime.record.recorder import can_ask
 
@@ -112,6 +112,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
         "secret": os.urandom(16).hex(),
+        "phases": phases(prepared.diagram),
         "drawing": drawn(prepared.diagram) if any(sink["service"] == "panel" for sink in sinks) else None,
         "metadata": {
             "diagram_file": str(request.file),
@@ -147,6 +148,17 @@ def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float
             ranges[f"{actuator.path}.position"] = tuple(span)
     known = {column.path for column in schedule.recorded}
     return {path: ends for path, ends in ranges.items() if path in known and all(map(math.isfinite, ends))}
+
+
+def phases(diagram: Diagram) -> dict[str, str]:
+    """Return {path of a gait phase: path of what is true while it is known, or ""}, from inputs of these names."""
+    wired: dict[str, dict[str, str]] = {}
+    for wire in diagram.wires:
+        if isinstance(wire.source, Signal):
+            wired.setdefault(wire.block.path, {})[wire.port or ""] = wire.source.path
+    return {
+        ports["phase"]: ports.get("walking") or ports.get("enable", "") for ports in wired.values() if "phase" in ports
+    }
 
 
 def stem(request: Request) -> str:

@@ -85,6 +85,7 @@ class View:
             "duration": self.plan["duration"],
             "simulated": self.plan["simulated"],
             "diagram": self.plan["drawing"],
+            "phases": self.plan["phases"] or {},
             **{key: self.plan[key] for key in ("lost", "marks", "subject", "target", "stride")},
             "states": STATES,
             "signals": names.describe(signals),

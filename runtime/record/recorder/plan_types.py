@@ -61,6 +61,7 @@ class Plan(_Plan, total=False):
 
     hot: dict[str, float]  # {path of a temperature: °C at which the run ends}
     secret: str  # from which the tokens of a panel are made
+    phases: dict[str, str]  # {gait phase: what is true while it is known}, for a panel
     drawing: str | None  # SVG of the diagram, for a panel
     part: int  # 1 by default; later ones follow the death of a writer
     before: PlanBefore

@@ -36,9 +36,11 @@ export class Plots {
     this.count = 0;
     this.times = new Float64Array(2 * SAMPLES);
     this.columns = hello.signals.map(() => new Float64Array(2 * SAMPLES));
-    this.phases = hello.signals.map(({ path }) => nearest(hello.signals, path, ["phase"]));
-    this.walks = this.phases.map((phase) => phase < 0 ? -1 :
-      hello.signals.findIndex(({ path }) => path === hello.signals[phase].path.replace(/phase$/, "walking")));
+    this.phases = hello.signals.map(({ path }) => nearest(hello.signals, path, ["phase"], hello.phases));
+    this.walks = this.phases.map((phase) => {
+      const path = hello.signals[phase]?.path;
+      return hello.signals.findIndex((each) => path && each.path === (hello.phases[path] || path.replace(/phase$/, "walking")));
+    });
     this.strides = this.phases.some((phase) => phase >= 0);
     this.averages = new Map();
     this.marks = [];  // {time in s, text} of each mark

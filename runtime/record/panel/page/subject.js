@@ -89,7 +89,7 @@ function build(message) {
 function show() {
   const index = hello.signals.findIndex((each) => each.path === $("signal").value);
   signal = index < 0 ? null : { ...hello.signals[index], index };
-  counter = signal && $("stride").value ? nearest(hello.signals, signal.path, ["strides", "phase"]) : -1;
+  counter = signal && $("stride").value ? nearest(hello.signals, signal.path, ["strides", "phase"], hello.phases) : -1;
   stride = counter < 0 ? "" : $("stride").value;
   const [low, high] = ["low", "high"].map((id) => Number.parseFloat($(id).value));
   band = low < high ? [low, high] : null;
@@ -117,7 +117,7 @@ function takeFrame(doubles) {
   if (!signal || tick < 0) return;
   const time = tick / hello.rate, value = values[signal.index] * signal.factor;
   if (stride) {
-    const now = values[counter], ended = hello.signals[counter].path.endsWith(".phase") ? before - now > WRAP : now > before;
+    const now = values[counter], ended = hello.signals[counter].path.endsWith(".strides") ? now > before : before - now > WRAP;
     if (ended) {
       if (folded !== null) points.push([time, (FOLD[stride][2] ?? ((so) => so))(folded)]);
       folded = FOLD[stride][0]();

@@ -39,10 +39,12 @@ export const nameOf = ({ block, port }) => block.replace(/(, (?:left|right))?$/,
 const folderOf = (path) => path.slice(0, Math.max(0, path.lastIndexOf("/")));
 
 // Index of the first of some ports in the innermost subsystem around a signal that has one, -1 without.
-export function nearest(signals, path, ports) {
+// phases: {path of a gait phase: path of what is true while it is known}, whatever its port is called
+export function nearest(signals, path, ports, phases) {
   for (let around = folderOf(path); ; around = folderOf(around)) {
     for (const port of ports) {
-      const index = signals.findIndex((each) => each.path.endsWith(`.${port}`) && folderOf(each.path) === around);
+      const index = signals.findIndex((each) => folderOf(each.path) === around &&
+        (each.path.endsWith(`.${port}`) || (port === "phase" && each.path in phases)));
       if (index >= 0) return index;
     }
     if (!around) return -1;

@@ -290,8 +290,8 @@ def test_plots_draw_spikes_between_frames_and_the_average_stride(opened):
         const list = document.createElement("ul"), filter = document.createElement("input");
         const made = new Plots(document.createElement("div"), list, filter);
         const signal = { block: "walk", shown: "m", factor: 1, dtype: "float" };
-        const ports = ["height", "phase"].map((port) => ({ ...signal, path: `walk.${port}`, port }));
-        made.build({ signals: ports });
+        const ports = ["height", "y"].map((port) => ({ ...signal, path: `walk.${port}`, port }));
+        made.build({ signals: ports, phases: { "walk.y": "" } });
         for (let frame = 0; frame <= 90; frame += 1) {   // strides of 1 s with a height of 1, 2 and 3 m
             const time = frame / 30, values = [1 + Math.floor(time), time % 1];
             made.add(time, values, [frame === 40 ? 9 : values[0], values[1]], values);

@@ -19,8 +19,8 @@ from runtime.host.options import panel_address
 from runtime.record.analysis.names import describe
 from runtime.record.panel.pages import MESSAGE_RATE
 from runtime.record.panel.server import MESSAGE_LIMIT, REFUSED_LIMIT
-from tests.runtime.record.panel.panels import Page, running
-from tests.runtime.runs import assert_safely_stopped, descendant, write
+from tests.runtime.record.panel.panels import ROBOT, SWING, Page, running
+from tests.runtime.runs import Files, assert_safely_stopped, descendant, started, write
 
 GAIN = "left/law.gain"
 
@@ -467,3 +467,34 @@ def test_ten_thousand_changes_of_three_pages_are_applied_in_their_order_and_insi
         assert all(0.0 <= event["value"] <= 3.0 for event in events)
     trial = runtime.load(run.files.one(".mcap"))
     assert float(abs(trial["left/law.torque"]).max()) <= 3.0
+
+
+CHUNKS, CHUNK = 8, 10.0  # runs of each kind, in turn; s
+
+
+@pytest.mark.soak
+@pytest.mark.timing
+def test_lateness_of_the_loop_without_a_panel_and_with_five_pages_one_of_them_stalled(tmp_path):
+    late = {"no panel": [], "five pages": []}
+    for number in range(CHUNKS):
+        for kind, found in late.items():
+            folder = tmp_path / f"{kind} {number}"
+            folder.mkdir()
+            options = "--record", "recordings", "--duration", str(CHUNK)
+            if kind == "no panel":
+                with started(write(folder, ROBOT.format(law=SWING)), *options, cwd=folder) as process:
+                    assert process.communicate(timeout=60) and process.returncode == 0
+            else:
+                with running(folder, *options[2:]) as run:
+                    pages = [run.page() for _ in range(5)]  # the last one takes nothing
+                    while pages[0].status["state"] == "running":
+                        with suppress(ConnectionClosed):
+                            for page in pages[:4]:
+                                page.take()
+                    assert run.end()[0] == 0
+            statistics = Files(folder / "recordings").sidecar["statistics"]
+            assert statistics["dropped"] == 0
+            found.append(1e6 * statistics["lateness"]["p99"])
+    for kind, found in late.items():
+        found.sort()
+        print(f"{kind}: p99 {found[CHUNKS // 2]:.0f} µs median of {CHUNKS} runs, {found[0]:.0f} to {found[-1]:.0f}")
