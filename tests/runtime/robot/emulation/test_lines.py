@@ -199,7 +199,7 @@ from graph import Diagram
 
 def build():
     with Diagram("knee", rate=200) as diagram:
-        CubeMars("AK80-9", bus="legs", name="knee", range=(-1.0, 1.0), wake_shift=0.0)(torque_command=0.0)
+        CubeMars("AK80-9", bus="legs", name="knee", range=(-1.0, 1.0), wake_shift=0.0, timeout=1.0)(torque_command=0.0)
         ChargePump(name="pump", start_up=0.3)
     return diagram
 
