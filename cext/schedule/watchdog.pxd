@@ -18,6 +18,7 @@ cdef class Watchdog:
     cdef int priority            # priority of SCHED_FIFO, 0 for an ordinary thread
     cdef cpu_set_t processors    # processors of the watchdog; none: those of the loop
     cdef int32_t leave
+    cdef int32_t awake           # 1 once its thread has its priority
     cdef int32_t hung
     cdef int64_t limit           # ns of work of a tick
     cdef int64_t start_allowance # ns in addition for the start of blocks

@@ -44,6 +44,7 @@ from cext.safety.thresholds cimport (
 )
 
 cdef size_t STACK = 256 << 10           # bytes
+cdef int64_t START_LIMIT = 1_000_000_000      # ns that the loop waits at most for the thread to have its priority
 cdef int EXIT_CODE = 3                  # exit code of a run that ends in a fault
 
 
@@ -75,10 +76,11 @@ cdef class Watchdog:
         """Start to watch; the calling thread is the loop's."""
         cdef sched_param parameters
         cdef int failed
+        cdef int64_t started
         if self.handover == NULL:
             return 0
         self.shared.user, self.shared.since = LOOP, 0
-        self.leave = self.hung = 0
+        self.leave = self.awake = self.hung = 0
         self.at = -1
         self.loop = pthread_self()
         self.priority = 0
@@ -92,6 +94,11 @@ cdef class Watchdog:
         if failed:
             raise OSError(failed, "cannot start the thread of the watchdog")
         self.running = True
+        # a new thread has no priority of its own: a busy machine can keep it waiting while the loop already runs
+        started = monotonic()
+        with nogil:
+            while not load_i32(&self.awake) and monotonic() < started + START_LIMIT:
+                doze(&self.awake, started + START_LIMIT)
         return 0
 
     cdef int end(self) except -1:
@@ -131,6 +138,8 @@ cdef class Watchdog:
         if CPU_COUNT(&self.processors):
             sched_setaffinity(0, sizeof(cpu_set_t), &self.processors)
         name_and_priority(self.priority)
+        store_i32(&self.awake, 1)
+        wake(&self.awake)
         while not load_i32(&self.leave):
             self.sleep(due)
             # before `since` is read, as a lower bound of the work

@@ -27,6 +27,7 @@ from runtime.robot.guardian.wires import keep_apart
 bus = can.Bus(sys.argv[1], interface="udp_multicast")
 keep_apart(bus.fileno())
 message = can.Message(arbitration_id=0x555, is_extended_id=False, data=b"babble")
+print(flush=True)
 while True:
     bus.send(message)
 """,
@@ -34,6 +35,7 @@ while True:
 import socket, struct, sys
 to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 frames = struct.pack("<IB3x8s", 0x555, 6, b"babble"), b"what is this"
+print(flush=True)
 while True:
     for frame in frames:
         to.sendto(frame, ("127.0.0.1", int(sys.argv[1])))
@@ -47,14 +49,16 @@ class Babbler:
     """A process that sends as fast as it can."""
 
     def __init__(self, kind, where):
-        self.process = subprocess.Popen([sys.executable, "-c", BABBLING[kind], str(where)], cwd=ROOT)
+        words = [sys.executable, "-c", BABBLING[kind], str(where)]
+        self.process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE)
 
     def __enter__(self):
+        self.process.stdout.readline()  # it has begun
         return self
 
     def __exit__(self, *exception):
         self.process.kill()
-        self.process.wait()
+        self.process.communicate()
 
 
 def in_a_tick(out):
