@@ -17,9 +17,9 @@ class SensorPlacement(Block):
         upside down  correlation of a sensor with that < −0.3
         turned       variance of a sensor below 0.06 of that of the other leg, whose reference moves alike
 
-    References of a hip drive are the rates of the thighs, of a knee drive those of the shanks (`opposite`), and of a
-    shank those of the foot. Load on a foot and the rate of its thigh or shank are `opposite` in walking only: connect
-    `enable` to the `walking` of a GaitState. Without a right leg, leave its inputs unconnected.
+    A thigh moves with its hip drive in any motion. In walking only, a foot moves with its shank, and a shank is
+    `opposite` to its knee drive, as thigh and shank are to the load on the foot: connect `enable` to the `walking` of a
+    GaitState. Without a right leg, leave its inputs unconnected.
 
     Limits: which of sensors and references are exchanged does not show; two sensors that are both upside down count as
     exchanged. Direct feedthrough; NaN and infinity give NaN and are not stored.
