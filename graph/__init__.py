@@ -10,6 +10,7 @@ from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
 from graph.device import Actuator, Device
 from graph.device_data import (
+    Caps,
     CommandReplies,
     DampedStop,
     Deviation,
@@ -34,6 +35,7 @@ from graph.units import deg
 __all__ = [
     "Actuator",
     "Block",
+    "Caps",
     "CommandReplies",
     "DampedStop",
     "Deviation",

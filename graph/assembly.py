@@ -197,20 +197,24 @@ class Assembly:
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, recorded, sinks = self.recorded()
         live = self.live_parameters()
+        arena = self.layout.arena()
+        devices = sorted(
+            (DeviceAssembly(self, block).steps(buses) for block in self.blocks if isinstance(block, Device)),
+            key=lambda d: d.bus,
+        )
+        for watch in (device.watch for device in devices if device.watch is not None and device.watch.law_limit >= 0):
+            arena[watch.law_limit] = watch.full
         return Schedule(
             name=compilation.diagram.name,
             rate=compilation.diagram.rate,
-            arena=self.layout.arena(),
+            arena=arena,
             held_start=self.held_start,
             memory_start=self.memory_start,
             look=look,
             settle=list(settle.values()),
             output=output,
             update=self.update_steps(),
-            devices=sorted(
-                (DeviceAssembly(self, block).steps(buses) for block in self.blocks if isinstance(block, Device)),
-                key=lambda d: d.bus,
-            ),
+            devices=devices,
             buses=buses,
             media=[
                 next(block.medium for block in self.blocks if isinstance(block, Device) and block.bus == bus)

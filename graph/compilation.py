@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from graph.block import Block, Sink
     from graph.budget import BusLoad
     from graph.caveats import Caveat
-    from graph.device_data import TorqueBound
+    from graph.device import Actuator
+    from graph.device_data import Caps, TorqueBound
     from graph.diagnostics import Location
     from graph.diagram import Diagram, Wire
     from graph.interval import Interval
@@ -45,6 +46,7 @@ class Compilation:
         self.proofs: list[Proof] = []
         self.torque_bounds: dict[str, TorqueBound | None] = {}  # by path of an actuator; None if its hook raised
         self.caveats: list[Caveat] = []
+        self.caps: dict[Actuator, Caps] = {}  # of the actuators that have any
         self.failed: set[tuple[Block, str]] = set()  # (block, hook) that have raised
 
     def report(

@@ -9,6 +9,8 @@ import gc
 from collections.abc import Generator
 from contextlib import contextmanager
 
+from msgspec.structs import replace
+
 from graph import caveats, device_checks, hints, live_checks, rate_checks, signal_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
@@ -54,6 +56,7 @@ def examine(diagram: Diagram) -> Compilation:
     for check in (
         wire_checks.check_names,
         wire_checks.check_parameters,
+        device_checks.apply_caps,
         live_checks.check_live,
         wire_checks.check_wires,
         wire_checks.compile_marked,
@@ -75,6 +78,7 @@ def examine(diagram: Diagram) -> Compilation:
         prepare,
         prove,
         caveats.check_torque,
+        device_checks.check_caps,
         check_reach,
         check_held,
         signal_checks.check_circles,
@@ -114,9 +118,11 @@ def prove(compilation: Compilation) -> None:
             commands = {
                 name: interval_of(compilation.sources[block, name], compilation.ranges) for name in block.inputs
             }
-            compilation.torque_bounds[block.path] = compilation.attempt(
-                block, block.torque_bound, commands, 1.0 / compilation.diagram.rate
-            )
+            bound = compilation.attempt(block, block.torque_bound, commands, 1.0 / compilation.diagram.rate)
+            if bound is not None and block in compilation.caps:
+                most = compilation.caps[block].torque
+                bound = replace(bound, limit=most if bound.limit is None else min(bound.limit, most))
+            compilation.torque_bounds[block.path] = bound
 
 
 def prove_command(compilation: Compilation, block: Actuator, name: str, limit: Interval) -> None:

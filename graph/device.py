@@ -6,10 +6,12 @@ from typing import Any
 
 from graph.block import Block
 from graph.device_data import (
+    Caps,
     CommandReplies,
     DampedStop,
     Deviation,
     Frame,
+    ReplyField,
     StopReply,
     TorqueBound,
     Watch,
@@ -185,6 +187,7 @@ class Actuator(Device):
     """
 
     unread_settings: Sequence[str] = ()
+    caps: Caps | None = None  # of the diagram; the compiler applies them to what the block returns, whatever it returns
 
     def settings_read(self) -> int:
         """Return the number of settings that arming reads back."""
@@ -212,6 +215,13 @@ class Actuator(Device):
                 )
 
     def stop_reply(self) -> StopReply | None:
+        return None
+
+    def commanded_torque(self) -> ReplyField | None:
+        """Return the ReplyField of the torque in its command frames, in N·m at the joint; None if there is none.
+
+        The guardian reads it. A negative `first` counts bits before the data, in the identifier as 32 bits.
+        """
         return None
 
     def command_limits(self) -> dict[str, Interval]:

@@ -60,6 +60,8 @@ class DeviceAssembly:
             warning=self.slot("warning") if actuator else -1,
             warnings=tuple(actuator.warnings_in_words()) if actuator and "warning" in block.outputs else (),
             reads=tuple(block.read_frames()),
+            cap=self.whole.compilation.caps.get(block),
+            commanded=actuator.commanded_torque() if actuator else None,
             reports_enabled=block.reports_enabled,
             zeroing=self.zero_steps(),
             **self.reply_steps(),
@@ -95,13 +97,16 @@ class DeviceAssembly:
 
     def watch_steps(self) -> WatchSteps | None:
         """Return what the drive monitor reads; None for a device without one."""
-        watch = self.block.watched()
+        watch, caps = self.block.watched(), self.whole.compilation.caps.get(self.block)
         if watch is None:
             return None
         remaining, full = -1, 0.0
         if watch.law_limit:
             name, index = watch.law_limit
             remaining, full = self.memory(name, index), float(vars(self.block)[name][index])
+        if caps is not None:  # the kernel reads its limit from here, and a block cannot change what is written here
+            full = min(full * caps.share(watch.limit), caps.torque)
+            watch = caps.of_watch(watch)
         return WatchSteps(
             watch,
             self.slot("torque"),

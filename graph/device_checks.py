@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from graph import hints
 from graph.budget import bus_loads, line_loads
@@ -15,6 +17,56 @@ from graph.signal import Signal
 
 if TYPE_CHECKING:
     from graph.block import Block
+
+
+def apply_caps(compilation: Compilation) -> None:
+    """Take the caps of the diagram, and let each block know its own: below a torque, it may do more than it must.
+
+    If a setting differs from the table of its model, the cap holds for either: the drive may give `factor` times what
+    is commanded and measured.
+    """
+    given = compilation.diagram.caps
+    for path in given.keys() - {block.path for block in compilation.blocks if isinstance(block, Actuator)}:
+        compilation.report("TW036", f"{given[path].source} has caps for {path!r}, which is not an actuator")
+    for block in compilation.blocks:
+        if isinstance(block, Actuator):
+            caps = given.get(block.path)
+            if caps is not None:
+                found = compilation.attempt(block, block.deviations) or ()
+                factor = max([1.0, *(each.factor for each in found if each.factor is not None)])
+                caps = compilation.caps[block] = replace(caps, torque=caps.torque / factor)
+            if caps != block.caps:
+                block.caps = caps
+                compilation.attempt(block, block.configure)
+
+
+def check_caps(compilation: Compilation) -> None:
+    """Report the caps that cannot hold, because nothing that Tickwork sends or measures bounds the quantity."""
+    for block, caps in compilation.caps.items():
+        watch, stop = compilation.attempt(block, block.watched), compilation.attempt(block, block.damped_stop)
+        bound = compilation.torque_bounds.get(block.path)
+        reasons: list[str] = []
+        if caps.torque < math.inf or caps.power < math.inf:
+            if bound is None or bound.kind in ("drive", "none"):
+                reasons.append("nothing that it sends bounds its torque: command a torque or a current")
+            elif watch is None or watch.law_limit is None:
+                reasons.append("its watched() names no law_limit, from which its kernel reads the torque that remains")
+            reasons += [
+                f"{deviation.parameter}: {deviation.effect}. Correct it"
+                for deviation in compilation.attempt(block, block.deviations) or ()
+                if deviation.factor is None and not deviation.safe
+            ]
+            if stop is not None and stop.limit > caps.torque * (1.0 + 1e-9):
+                reasons.append(f"its safe stop damps within {stop.limit:.4g} N·m: lower the current or the damping")
+        if (watch is None or watch.motion is None) and (caps.range or min(caps.speed, caps.power) < math.inf):
+            reasons.append("its watched() has no motion, so nothing measures its angle and speed")
+        elif watch is not None:
+            try:
+                caps.of_watch(watch)
+            except ValueError as error:
+                reasons.append(str(error))
+        for reason in reasons:
+            compilation.report("TW036", f"the caps of {caps.source} cannot hold: {reason}", block)
 
 
 def check_actuators(compilation: Compilation) -> None:

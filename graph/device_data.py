@@ -4,6 +4,7 @@ import math
 from typing import Any, TypeAlias
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 Frame: TypeAlias = tuple[int, bool, bytes]
 """Arbitration id, whether the id is extended, data."""
@@ -55,6 +56,7 @@ class Watch(Struct, frozen=True):
     warm, derate, hot : temperatures that cause a warning, a reduced torque limit, and a fault, °C
     law_limit : (name of a memory, index) from which the kernel reads the remaining torque limit, or None
     motion : Motion; with None, only NaN and infinity in the feedback are faults
+    power : W, largest product of the remaining torque limit and the measured speed
     """
 
     rated: float
@@ -66,6 +68,7 @@ class Watch(Struct, frozen=True):
     hot: float = 100.0
     law_limit: tuple[str, int] | None = None
     motion: Motion | None = None
+    power: float = math.inf
 
     def words(self) -> tuple[str, ...]:
         """Return the text of each warning, in the order of cext/safety/drive_watch.pxd."""
@@ -124,6 +127,7 @@ class StopReply(Struct, frozen=True):
     length : number of data bytes of both; 0 for any
     torque : ReplyField of its torque or current; None for a device that makes no torque
     rest : largest torque or current at rest, in the unit of `torque`
+    unit : N·m at the joint of one unit of `torque`
     disabled : (mask, value) of the bits of the arbitration id by which a reply reports that the device is disabled
     enabled : ReplyField whose value is 0 while the device is disabled; None without one
     echo : (index of a byte, value) in the reply to a disable; an error code may take its place. () without one
@@ -139,6 +143,7 @@ class StopReply(Struct, frozen=True):
     enabled: ReplyField | None = None
     echo: tuple[int, ...] = ()
     reports: bool = False
+    unit: float = 1.0
 
 
 class CommandReplies(Struct, frozen=True):
@@ -192,6 +197,50 @@ class Zeroing(Struct, frozen=True):
     offset: float = 0.0
     torque_code: float = 0.0
     at_arming: bool = False
+
+
+class Caps(Struct, frozen=True):
+    """Limits that the person imposes on one actuator, whatever its own: graph.Diagram.caps.
+
+    torque : N·m at the joint; range : (lowest, highest) joint angle in rad, () for none; speed : rad/s
+    power : largest magnitude of torque times measured speed, W
+    source : text that names who imposes them
+    """
+
+    torque: float = math.inf
+    range: tuple[float, ...] = ()
+    speed: float = math.inf
+    power: float = math.inf
+    source: str = ""
+
+    def share(self, limit: float) -> float:
+        """Return the fraction of a torque limit in N·m that remains."""
+        return min(1.0, self.torque / limit) if limit > 0.0 else 1.0
+
+    def of_watch(self, watch: Watch) -> Watch:
+        """Return a Watch within the caps. Raises ValueError if its range and that of the caps are disjoint."""
+        motion = watch.motion
+        if motion is not None:
+            motion = replace(
+                motion,
+                limit=min(motion.limit, self.torque),
+                fastest=min(motion.fastest, self.speed),
+                range=self.of_range(motion.range),
+            )
+        limit, power = min(watch.limit, self.torque), min(watch.power, self.power)
+        return replace(watch, limit=limit, power=power, motion=motion)
+
+    def of_range(self, own: tuple[float, ...]) -> tuple[float, ...]:
+        """Return a range of angles, () for none, within that of the caps. Raises ValueError if they are disjoint."""
+        if not own or not self.range:
+            return own or self.range
+        low, high = max(own[0], self.range[0]), min(own[1], self.range[1])
+        if not low < high:
+            raise ValueError(
+                f"its range {own[0]:.4g} to {own[1]:.4g} rad and that of {self.source}, {self.range[0]:.4g} to "
+                f"{self.range[1]:.4g} rad, have no angle in common"
+            )
+        return low, high
 
 
 class TorqueBound(Struct, frozen=True):

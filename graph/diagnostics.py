@@ -43,6 +43,7 @@ CODES = {
     "TW033": "periodic value at a smooth input",
     "TW034": "limit after an integral",
     "TW035": "limit on an assumed number",
+    "TW036": "cap that cannot hold",
 }
 
 

@@ -119,6 +119,7 @@ class Diagram:
         self._numbers: dict[str, int] = {}  # {path: number appended to the newest block of that name}
         self._tokens: list[Any] = []
         self.not_entered: list[subsystem] = []  # subsystems that no `with` has opened
+        self.caps: dict[str, Any] = {}  # Caps by path of an actuator, above every limit of the diagram
 
     def __enter__(self) -> Diagram:
         self._tokens.append(scope_in_context.set(Scope(self)))

@@ -12,7 +12,7 @@ from cext.rules import LiveRule, Side
 from graph.arena_layout import KernelTable
 from graph.budget import BusLoad
 from graph.caveats import Caveat
-from graph.device_data import DampedStop, Frame, StopReply, TorqueBound, Watch, Zeroing
+from graph.device_data import Caps, DampedStop, Frame, ReplyField, StopReply, TorqueBound, Watch, Zeroing
 from graph.diagnostics import Diagnostic
 from graph.interval import Interval
 
@@ -112,6 +112,8 @@ class DeviceSteps(Struct, frozen=True):
     max_transit: float = 0.0  # s from a command to its reply up to which it has stiffness and damping
     restart_time: float = 0.0  # s of silence in which it may restart and obey again without an enable; 0: none
     report_period: float = 0.0  # s between its reports if it does not answer commands
+    cap: Caps | None = None  # of the diagram, for a reader of its frames
+    commanded: ReplyField | None = None  # torque in its command frames
     set_up_replies: int = 0  # replies with a sample to its set-up frames
 
 

@@ -85,6 +85,7 @@ def run(
     plant_signals: str | Iterable[str] = (),
     fast: bool = True,
     rig: str | os.PathLike[str] | None = None,
+    subject: str | os.PathLike[str] | None = None,
     stop_for: float | None = None,
     **options: Any,
 ) -> Trial:
@@ -118,6 +119,7 @@ def run(
         commas, or several; * stands for any text, and a block for all its signals
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
+    subject : path of a subject file, whose limits no setting and no change exceeds
     stop_for : time in s for which a safe stop on a rig continues, at a falling rate, for drives that do not
         confirm it; None: 10 s
     options : further options of the command in real time, by their names: yes=True, record="trials",
@@ -143,15 +145,22 @@ def run(
         _refuse(options)
         if duration is None:
             raise BadInput("a run in virtual time needs a duration in s, as in runtime.run(diagram, 10)")
-        return simulate(
-            diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals
-        )
+        named: dict[str, Any] = {"plant": plant, "seed": seed, "rate": rate, "subject": subject}
+        return simulate(diagram, duration, settings=settings, plant_signals=plant_signals, **named)
     if plant_signals:
         raise BadInput("plant_signals: only a run in virtual time records signals of the plant")
     with _CheckedImports():
         from runtime.session.own_process import process_of
 
-    given = {"rig": rig, "duration": duration, "plant": plant, "seed": seed, "rate": rate, **options}
+    given = {
+        "rig": rig,
+        "duration": duration,
+        "plant": plant,
+        "seed": seed,
+        "rate": rate,
+        "subject": subject,
+        **options,
+    }
     return process_of(diagram, settings, **given).wait()
 
 
@@ -164,6 +173,7 @@ def simulate(
     seed: int | None = None,
     rate: float | None = None,
     plant_signals: str | Iterable[str] = (),
+    subject: str | os.PathLike[str] | None = None,
 ) -> SimulatedRun:
     """Prepare a run in virtual time in this process, which the caller advances step by step.
 
@@ -180,7 +190,8 @@ def simulate(
     with _CheckedImports():
         from runtime.session.simulate import SimulatedRun
 
-    return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
+    named: dict[str, Any] = {"plant": plant, "seed": seed, "rate": rate, "subject": subject}
+    return SimulatedRun(diagram, settings=settings, plant_signals=plant_signals, **named)
 
 
 @interruptible
@@ -192,6 +203,7 @@ def connect(
     settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
     seed: int | None = None,
     rate: float | None = None,
+    subject: str | os.PathLike[str] | None = None,
     fast: bool = True,
     loop_timeout: float = 0.1,
     **options: Any,
@@ -218,7 +230,7 @@ def connect(
     diagram : path of a diagram file
     rig : path of a rig file
     duration : duration in s; None runs until the loop ends
-    settings, seed, rate : as in `run`
+    settings, seed, rate, subject : as in `run`
     fast : virtual time; not on a rig
     loop_timeout : s that one pass of the loop may take in real time
     options : further options of the command in real time, as in `run`: yes=True, record="trials"
@@ -231,12 +243,12 @@ def connect(
         with _CheckedImports():
             from runtime.session.simulate import SimulatedLoop
 
-        return SimulatedLoop(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
+        return SimulatedLoop(diagram, settings=settings, seed=seed, rate=rate, duration=duration, subject=subject)
     with _CheckedImports():
         from runtime.session.connected import ConnectedRobot
         from runtime.session.own_process import process_of
 
-    given = {"rig": rig, "duration": duration, "seed": seed, "rate": rate, **options}
+    given = {"rig": rig, "duration": duration, "seed": seed, "rate": rate, "subject": subject, **options}
     return ConnectedRobot(lambda: process_of(diagram, settings, **given), loop_timeout)
 
 
@@ -284,6 +296,7 @@ def study(
     seeds: Iterable[int] = (),
     settings: Mapping[str, Any] | None = None,
     rate: float | None = None,
+    subject: str | os.PathLike[str] | None = None,
     output: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     dask: str | None = None,
@@ -310,7 +323,7 @@ def study(
     samples : number of samples
     sample_seed : integer from which the samples are drawn
     seeds : every combination is run with each of them, as `seed` of runtime.run
-    settings, rate : settings and rate of every run, as in `run`
+    settings, rate, subject : of every run, as in `run`
     output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
         table of the same study is read
     workers : number of processes, by default one for each processor; 0 runs the trials in this process
@@ -325,7 +338,7 @@ def study(
         from runtime.experiments.studies.description import Study
         from runtime.experiments.studies.run import run
 
-    given = _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate)
+    given = _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate, subject)
     return run(Study(**given), None if output is None else Path(output), workers, dask)
 
 
@@ -351,6 +364,7 @@ def optimise(
     seeds: Iterable[int] = (),
     settings: Mapping[str, Any] | None = None,
     rate: float | None = None,
+    subject: str | os.PathLike[str] | None = None,
 ) -> OptimisationResult:
     """Vary parameters of a diagram in virtual time until a cost is low, and return all runs and the best values.
 
@@ -372,7 +386,7 @@ def optimise(
     output, workers, dask : as in `study`
     grid, sample, samples, sample_seed, seeds : as in `study`. Each proposal is run with all combinations, such as
         wearers, and its cost is the mean
-    settings, rate : settings and rate of every run, as in `run`
+    settings, rate, subject : of every run, as in `run`
 
     The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
     runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the
@@ -385,7 +399,7 @@ def optimise(
         from runtime.experiments.optimisation.simulated import run
 
     description = Optimisation(
-        **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate),
+        **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate, subject),
         over=_plain_lists(over),
         cost=cost,
         optimiser=optimiser,
@@ -408,7 +422,7 @@ def _refuse(options):
     raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
 
 
-def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):
+def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate, subject):
     """Return the fields of a Study."""
     with _CheckedImports():
         from runtime.host.options import pairs_of
@@ -420,6 +434,7 @@ def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, se
         "seeds": list(seeds),
         "samples": samples,
         "sample_seed": sample_seed,
+        "subject": None if subject is None else os.fspath(subject),
         "settings": dict(pairs_of(settings or ())),
         "grid": _plain_lists(grid or {}),
         "sample": {name: dict(given) for name, given in (sample or {}).items()},

@@ -29,14 +29,14 @@ def damped_stop(
     """
     if not joint.damp_time:
         return None
-    bands = bands_inside(joint.torque_limit, joint.stop_damping, joint.wire[1])
+    bands = bands_inside(joint.capped_limit, joint.stop_damping, joint.wire[1])
     return DampedStop(
         duration=joint.damp_time,
         bands=tuple((speed, tuple(frames_of(damping))) for speed, damping in bands),
         velocity=velocity,
         acceleration=joint.max_acceleration,
         round=STOP_DAMP_ROUND * 1e-9,
-        limit=joint.torque_limit,
+        limit=joint.capped_limit,
         transit=joint.max_transit,
     )
 

@@ -45,6 +45,7 @@ class Drive(Watched, Pose, Gear):
 
     find: Any  # function of a name that returns a model
     parameters: dict[str, Param[Any]]
+    caps: Any  # of graph.Actuator
 
     def find_limit(self) -> float:
         """Return the torque limit, N·m at the joint: rated, peak or a number, within the encoded range."""
@@ -66,6 +67,11 @@ class Drive(Watched, Pose, Gear):
                 f"got {limit:g} N·m"
             )
         return min(limit, self.wire[4])
+
+    @property
+    def capped_limit(self) -> float:
+        """Torque limit within the caps of the diagram, N·m at the joint."""
+        return self.torque_limit if self.caps is None else min(self.torque_limit, self.caps.torque)
 
     def given_limit(self) -> float:
         """Return the limit of a model without published ratings: a number within the drive's range."""

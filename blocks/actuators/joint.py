@@ -151,7 +151,7 @@ class Joint(Requests, Law, Ranges, Drive):
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         """Return the bound: proved for torque only, with stiffness or damping under the assumption on acceleration."""
         stiffness, damping = commands["stiffness_command"], commands["damping_command"]
-        limit = self.torque_limit
+        limit = self.capped_limit
         if stiffness.high <= 0.0 and damping.high <= 0.0:
             return TorqueBound("proved", limit)
         law = law_figures.Law(

@@ -23,6 +23,12 @@ def damped(share: float) -> bytes:
     return bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]])
 
 
+def torque_field(command: tuple[int, bool, bytes], half: float) -> ReplyField:
+    """Return the field of the torque in commands with the layout of MIT mode. command : one; half : N·m at the joint"""
+    identifier, extended, _ = command
+    return ReplyField(((identifier, 0x1FFFFFFF, extended, b""),), first=52, bits=12, low=-half, high=half)
+
+
 class StopInMitMode:
     """Safe stop of a drive in MIT mode, and its bus traffic per tick."""
 
@@ -53,6 +59,10 @@ class StopInMitMode:
         frames, half = tuple(self.reply_frames()), self.wire[4]
         torque = ReplyField(frames, first=36, bits=12, low=-half, high=half)
         return StopReply(frames, length=self.reply, torque=torque, rest=self.rest_torque(2.0 * half / 0xFFF))
+
+    def commanded_torque(self) -> ReplyField:
+        """Return the field of the torque in its commands."""
+        return torque_field(self.zero_frames()[0], self.wire[4])
 
     def damped_stop(self) -> DampedStop | None:
         """Return the DampedStop, chosen by the velocity in the replies; None without damping."""

@@ -40,6 +40,7 @@ cdef struct Watched:
     Motion motion
     int mode
     double rated, limit              # N·m
+    double power                     # W, largest product of the remaining limit and the speed
     double window                    # s
     double warm, derate, hot         # °C
     double squares[BUCKETS]          # N²·m²·s

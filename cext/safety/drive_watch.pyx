@@ -10,13 +10,15 @@
     silent       no action
 
     temperature  an event from `warm` on; from `derate` to `hot` the limit decreases to zero; at `hot` the run ends
+    power        where it is limited, the limit decreases with the measured speed
+
     motion       cext/safety/motion_watch.pxd, from the first reply of a drive on; an event where the angle is at an end of
                  the range that its frames can carry
 
 The remaining fraction of a limit, and of stiffness and damping, is written to the drive's kernel before it encodes.
 """
 
-from libc.math cimport NAN, log, sqrt
+from libc.math cimport INFINITY, NAN, fabs, fmax, fmin, log, sqrt
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
@@ -49,7 +51,7 @@ cdef class DriveWatch:
             drive.device, drive.torque, drive.temperature, drive.rms, drive.law_limit, drive.full = (
                 index, steps.torque, steps.temperature, steps.rms, steps.law_limit, steps.full)
             drive.mode, drive.rated = MODES[watch.mode], watch.rated
-            drive.limit, drive.window = watch.limit, watch.window
+            drive.limit, drive.window, drive.power = watch.limit, watch.window, watch.power
             drive.warm, drive.derate, drive.hot = watch.warm, watch.derate, watch.hot
             self.place_motion(drive, steps)
             self.names.append(device.name)
@@ -206,8 +208,10 @@ cdef class DriveWatch:
             cool = (drive.hot - temperature) / (drive.hot - drive.derate)
             left = cool if cool < left else left
         if drive.law_limit >= 0:
-            arena[drive.law_limit] = left * drive.full
             drive.left = left
+            if drive.power < INFINITY:
+                left = fmin(left, drive.power / fmax(fabs(arena[drive.motion.velocity]) * drive.limit, 1e-300))
+            arena[drive.law_limit] = left * drive.full
         return OK
 
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:

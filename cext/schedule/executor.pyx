@@ -79,6 +79,7 @@ cdef class Executor(Waiting):
         switch interval are not changed, nor are the signal handlers outside the main thread
     waits : whether simulated time stops while the host stalls for so long that emulated devices would time out; for a
         plant only
+    fade_out : s, over which commands decrease to zero before grid point `ends_at`, where the run ends; 0 for none
     pages : whether the loss of the page of the panel that has the controls ends the run, in real time. With a guardian
         no drive is enabled before there is one
     """
@@ -87,6 +88,8 @@ cdef class Executor(Waiting):
     cdef bint collecting             # whether the garbage collector was enabled before `enter`
     cdef double switching            # s, the switch interval before `enter`
     cdef int status                  # of the newest tick, or why the run ends
+    cdef double fade_out             # s
+    cdef int64_t ends_at             # grid point before which commands have faded out; -1: none
     cdef bint begun                  # whether `advance` has armed
     cdef tuple unanswered            # devices that did not reply while arming
 
@@ -94,8 +97,8 @@ cdef class Executor(Waiting):
         bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock replay=None,
                  double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None,
-                 bint waits=False, bint pages=False):
-        self.hosted = hosted
+                 bint waits=False, bint pages=False, double fade_out=0.0, int64_t ends_at=-1):
+        self.hosted, self.fade_out, self.ends_at = hosted, fade_out, ends_at
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.clock = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
@@ -336,6 +339,8 @@ cdef class Executor(Waiting):
         cdef int64_t awaited
         cdef int64_t epoch = self.began + self.first_tick
         cdef int status = OK
+        if 0 <= self.ends_at and not 0 <= ticks <= self.ends_at:
+            ticks = self.ends_at
         self.publisher.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
             awaited = tick
@@ -367,7 +372,7 @@ cdef class Executor(Waiting):
             if status != OK:
                 break
             self.body.set_clock(tick, self.previous, late)
-            self.control.arena[AUTHORITY] = self.authority(tick - self.armed, fade)
+            self.control.arena[AUTHORITY] = self.authority(tick, fade)
             status = self.body.run(                                # in the first tick after arming every block runs
                 tick, self.previous if self.previous >= self.armed else -1, now if self.simulated else now + late)
             if status != OK or (self.publisher.records and not self.publisher.push_row(tick)):
@@ -385,9 +390,14 @@ cdef class Executor(Waiting):
         self.watchdog.end_work()
         return status
 
-    cdef double authority(self, int64_t ticks, double fade) noexcept nogil:
-        """Return the permitted share of every command, `ticks` after arming."""
-        return 1.0 if fade <= 0.0 or ticks / self.clock.rate >= fade else ticks / (self.clock.rate * fade)
+    cdef double authority(self, int64_t tick, double fade) noexcept nogil:
+        """Return the permitted share of every command at a grid point: it increases after arming, and ends with 0."""
+        cdef double rate = self.clock.rate
+        cdef int64_t since = tick - self.armed
+        cdef double share = 1.0 if fade <= 0.0 or since / rate >= fade else since / (rate * fade)
+        if self.ends_at >= 0 and (self.ends_at - tick) / rate < self.fade_out:
+            share = min(share, (self.ends_at - tick) / (rate * self.fade_out))
+        return share
 
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
         """Return the grid point at which tick `tick` runs if it wakes up `since` ns after the first.

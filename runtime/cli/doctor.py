@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli.parsing import Parser
+from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines, program
 from runtime.host.errors import CHECK_FAILED, BadInput
 from runtime.host.errors import OK as FIT
 from runtime.host.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.host.machine.probe import PI, Machine
-from runtime.host.options import whole_number
+from runtime.host.options import number, whole_number
 from runtime.setup.doctor import examine
 from runtime.setup.doctor.script import script
 
@@ -48,6 +49,20 @@ def main(arguments: Sequence[str]) -> int:
         action="store_true",
         help="print a shell script with the changes that can be scripted; read it, then run it with sudo",
     )
+    how.add_argument(
+        "--bundle",
+        type=Path,
+        metavar="RECORDING",
+        help="write an archive for a bug report: the end of this recording and this computer, without data about "
+        "persons; lists everything first",
+    )
+    parser.add_argument(
+        "--last",
+        type=number("--last", "seconds"),
+        metavar="S",
+        help="with --bundle: seconds of signals and frames (default: 10)",
+    )
+    parser.add_argument("-y", "--yes", action="store_true", help="with --bundle: write without asking")
     parser.add_argument(
         "--bitrate",
         type=whole_number("--bitrate", CLASSIC_CAN_BITRATE_LIMIT),
@@ -91,7 +106,11 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     if (options.overlays or options.hotspot or options.remote_desktop) and not options.script:
         raise BadInput("--overlay, --hotspot and --remote-desktop are parts of the script: add --script")
+    if options.bundle is None and (options.last is not None or options.yes):
+        raise BadInput("--last and --yes are options of --bundle RECORDING")
     machine = Machine(options.root)
+    if options.bundle is not None:
+        return bundle(options.bundle, options.last, options.yes, machine)
     if options.overlays and machine.kind != PI:
         raise BadInput(f"--overlay is for a Raspberry Pi, and this machine is {machine.model or 'none'}")
     user = options.user or (os.environ.get("SUDO_USER") if machine.here else None)
@@ -109,6 +128,19 @@ def main(arguments: Sequence[str]) -> int:
         return FIT
     print_lines([_for_machines(machine, findings)] if options.json else report(machine, findings))
     return CHECK_FAILED if any(finding.verdict == BAD for finding in findings) else FIT
+
+
+def bundle(path: Path, seconds: float | None, yes: bool, machine: Machine) -> int:
+    """List the archive of a recording, and write it into the working folder once confirmed. Returns the exit code."""
+    from runtime.setup.doctor.bundle import LAST, Bundle  # imports NumPy
+
+    made = Bundle(path, seconds or LAST, machine)
+    target = Path(made.name())
+    print_lines([f"{target} will contain:", *made.listing()])
+    if not confirm("write it", yes):
+        return FIT
+    print_lines([f"written: {made.write(target)}"])
+    return FIT
 
 
 def report(machine: Machine, findings: Sequence[Finding]) -> list[str]:

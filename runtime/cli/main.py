@@ -52,6 +52,7 @@ GROUPS = {
     "measure": {
         "profile": "run a diagram and print where the time of a tick goes",
         "rate": "find the highest rate at which actuators miss no reply",
+        "soak": "run a rig at zero torque for hours, and report",
         "bench": "measure ticks, blocks and buses on this machine",
     },
 }

@@ -59,7 +59,7 @@ def carry_out_session(session: Session) -> Result:
     if result.outcome.faulted:
         console = console_for(sys.stderr)
         print_to_stderr(piece for line in result.report for piece in console.fold(line))
-    elif (reason := summary.stop_reason(result.outcome)) is not None:
+    elif (reason := summary.stop_reason(result.outcome) or result.session_over) is not None:
         print_to_stderr([reason])
     return result
 

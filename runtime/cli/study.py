@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,11 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_count(parser, "--workers", "number of processes (default: one for each processor)")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this Dask scheduler: tcp://HOST:PORT")
+    parser.add_argument("--subject", metavar="FILE", help="limits for one person, which no trial exceeds")
     options = parser.parse_args(arguments)
     study = read(options.study, describe)
+    if options.subject is not None:
+        study = replace(study, subject=options.subject)
     output = options.output or Path(options.study.with_suffix(".parquet").name)
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: the name of the table must end in .parquet")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
 from blocks.sinks import Panel, PlotJuggler, Rerun
-from graph import Device, Diagram, Schedule
+from graph import Actuator, Device, Diagram, Schedule
+from graph.caveats import Caveat
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cext.schedule.program import Program
+    from runtime.robot.loading.subject import Subject
     from runtime.robot.rig.buses import RigBuses
     from runtime.robot.rig.poses import Poses
     from runtime.session.replay_feed import Feed
@@ -46,6 +48,7 @@ class Prepared:
     arm_slot : slot of the arena of the signal of --arm-on, -1 without one
     source_sha256 : hex digest of the source of the diagram file; None without a file
     feed : clock and buses of a recorded run that is repeated; None for a new run
+    subject : Subject whose limits the diagram and the schedule contain, or None
     """
 
     request: Request
@@ -58,6 +61,7 @@ class Prepared:
     arm_slot: int = field(default=-1, kw_only=True)
     source_sha256: str | None = field(default=None, kw_only=True)
     feed: Feed | None = field(default=None, kw_only=True)
+    subject: Subject | None = field(default=None, kw_only=True)
 
     @property
     def plant(self) -> Program | None:
@@ -68,6 +72,11 @@ class Prepared:
     def substeps(self) -> int:
         """Ticks of the plant in one tick of the robot."""
         return self.simulation.substeps if self.simulation is not None else 1
+
+    @property
+    def ramp(self) -> dict[str, Any]:
+        """Options of the Executor that end the session of a subject with a ramp, {} without one."""
+        return {} if self.subject is None else self.subject.ramp(self.schedule.rate)
 
     def ends(self) -> list[Any]:
         """Return the robot's end of each bus, in the order of the schedule."""
@@ -80,10 +89,20 @@ def prepare(request: Request) -> Prepared:
     """Load and compile the diagram of a Request. Returns a Prepared. Raises BadInput or DiagramError."""
     if request.rig is not None:
         return prepare_on_rig(request, request.rig)
-    file, diagram = load(request.file, request.settings)
-    schedule, ticks = compile_adapted(request, diagram)
+    subject = read_subject(request)
+    file, diagram = load(request.file, request.settings, subject=subject)
+    schedule, ticks = compile_adapted(request, diagram, subject)
     simulation = Simulation(file, diagram, schedule, request.bitrate, request.seed)
-    return Prepared(request, diagram, schedule, simulation, None, ticks, source_sha256=file.sha256)
+    return Prepared(request, diagram, schedule, simulation, None, ticks, source_sha256=file.sha256, subject=subject)
+
+
+def read_subject(request: Request) -> Subject | None:
+    """Return the Subject of a Request, None without one. Raises BadInput."""
+    if request.subject is None:
+        return None
+    from runtime.robot.loading.subject import read  # a run without one starts without it
+
+    return read(request.subject)
 
 
 def prepare_on_rig(request: Request, path: Path) -> Prepared:
@@ -96,13 +115,14 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
     from runtime.robot.rig.joints import require_ranges
     from runtime.robot.rig.poses import Poses
 
-    rig = read(path)
-    file, diagram = load(request.file, request.settings, rig)
+    rig, subject = read(path), read_subject(request)
+    file, diagram = load(request.file, request.settings, rig, subject=subject)
     if not request.bench:
         require_ranges(rig, diagram)
         require_supply(rig.battery, diagram, rig.path)
-    schedule, ticks = compile_adapted(request, diagram)
-    require_acceptance(rig.path, schedule.caveats, request.accept)
+    schedule, ticks = compile_adapted(request, diagram, subject)
+    unrecorded = [] if subject is None else without_record(path, diagram, subject)
+    require_acceptance(rig.path, [*schedule.caveats, *unrecorded], request.accept)
     if not request.yes and request.arm_on is None and not can_ask():
         raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
     poses = Poses(diagram, schedule, request.poses)
@@ -116,14 +136,34 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         poses=poses,
         arm_slot=arming_slot(diagram, schedule, request.arm_on),
         source_sha256=file.sha256,
+        subject=subject,
     )
 
 
-def compile_adapted(request: Request, diagram: Diagram) -> tuple[Schedule, int]:
-    """Apply the options of a Request to its diagram and compile it. Returns its Schedule and the number of ticks."""
+def without_record(rig: Path, diagram: Diagram, subject: Subject) -> list[Caveat]:
+    """Return a Caveat for each actuator whose record of commissioning is missing, does not fit or has findings."""
+    from runtime.robot.rig.records import records_of
+
+    records = records_of(rig)
+    found: list[Caveat] = []
+    for block in (block for block in diagram if isinstance(block, Actuator)):
+        record = records.get(block.path)
+        reasons = ["is missing"] if record is None else record.mismatches(block)
+        reasons += [] if record is None else [f"found: {text}" for _, text in record.findings]
+        if reasons:
+            words = f"{subject.name} asks for its record of commissioning, which {'; '.join(reasons)}"
+            found.append(Caveat(block.path, "record", f"{words}. Run the command `commission`", False))
+    return found
+
+
+def compile_adapted(request: Request, diagram: Diagram, subject: Subject | None = None) -> tuple[Schedule, int]:
+    """Apply the options of a Request to its diagram and compile it. Returns its Schedule and the number of ticks.
+
+    subject : Subject, which may end the run earlier
+    """
     adapt(diagram, request)
     stopping_panel(diagram)
-    ticks = ticks_of(request, diagram)
+    ticks = ticks_of(request, diagram, subject)
     schedule = compile_diagram(request.file, diagram)
     check_rearming(diagram, request.rearm, can_ask())
     return schedule, ticks
@@ -157,14 +197,14 @@ def check_rearming(diagram: Diagram, enabled: bool, keys: bool) -> None:
         raise BadInput(NO_REQUEST)
 
 
-def ticks_of(request: Request, diagram: Diagram) -> int:
-    """Return the number of grid points of a run, -1 until stopped. Raises BadInput."""
+def ticks_of(request: Request, diagram: Diagram, subject: Subject | None = None) -> int:
+    """Return the number of grid points of a run, of a Subject at most, -1 until stopped. Raises BadInput."""
     if diagram.rate > RATE_LIMIT:
         raise BadInput(f"rate {diagram.rate:g} Hz is above the limit of {RATE_LIMIT:g} Hz")
     ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
     if ticks == 0:
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
-    return ticks
+    return ticks if subject is None else subject.ticks(diagram.rate, ticks)
 
 
 def adapt(diagram: Diagram, request: Request) -> None:

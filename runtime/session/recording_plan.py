@@ -7,7 +7,7 @@ import os
 import re
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import asdict
 
@@ -15,9 +15,11 @@ from blocks.actuators.drive import Drive
 from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
 from cext.clock.stopwatch import names
-from graph import Actuator, Signal
+from graph import Actuator, Interval, Signal
 from graph.store import to_json
+from runtime.host.errors import BadInput
 from runtime.record.recorder import can_ask
+from runtime.robot.rig.records import digest, records_of
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule
@@ -90,7 +92,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "folder": str(request.record or "recordings") if records else None,
         "stem": stem(request),
         "rate": schedule.rate,
-        "duration": request.duration,
+        "duration": prepared.ticks / schedule.rate if prepared.ramp else request.duration,
         "virtual": request.fast,
         "compression": request.compression,
         "can_log": request.can_log,
@@ -123,11 +125,26 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
             "realtime": realtime.metadata(),
             "caveats": [asdict(caveat) for caveat in schedule.caveats],
             "accepted": list(request.accept),
+            "subject": None if prepared.subject is None else prepared.subject.recorded(),
             "rig": None
             if rig is None
-            else {"file": str(rig.rig.path), "text": rig.rig.text, "settings": rig.streams.settings},
+            else {
+                "file": str(rig.rig.path),
+                "text": rig.rig.text,
+                "settings": rig.streams.settings,
+                "records": commissioned(rig.rig.path),
+            },
         },
     }
+
+
+def commissioned(rig: Path) -> dict[str, Any]:
+    """Return the serial numbers of the records of commissioning beside a rig file, and their SHA-256."""
+    try:
+        found = records_of(rig)
+    except BadInput as error:
+        return {"unreadable": str(error)}
+    return {"sha256": digest(found), "serials": {path: record.serial for path, record in found.items()}}
 
 
 def drawn(diagram: Diagram) -> str:
@@ -142,7 +159,10 @@ def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float
     ranges = {}
     for actuator in (block for block in diagram if isinstance(block, Actuator)):
         torque = actuator.command_limits().get("torque_command")
+        bound = schedule.torque_bounds.get(actuator.path)
         if torque is not None:
+            if bound is not None and bound.limit is not None:
+                torque &= Interval(-bound.limit, bound.limit)
             ranges |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
         if span := getattr(actuator, "range", ()):
             ranges[f"{actuator.path}.position"] = tuple(span)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import asdict
+from msgspec.structs import replace as changed
 
 from cext.schedule.outcome import Outcome
 from graph.store import to_json
@@ -29,11 +30,13 @@ from runtime.record.analysis.compare import Comparison
 from runtime.record.analysis.trial import Trial
 from runtime.record.recorder import RecorderError
 from runtime.record.recorder.local import LocalRecorder
+from runtime.record.report.fault_context import inputs_and_outputs
 from runtime.robot.loading.file import compile_diagram
+from runtime.robot.loading.recorded_signals import everything
 from runtime.session.prepare import Prepared
 from runtime.session.replay_comparison import ReplayComparison
 from runtime.session.replay_feed import Feed, payloads
-from runtime.session.replay_source import Source, add_recorder, computation, diagram_of
+from runtime.session.replay_source import Source, add_recorder, computation, diagram_of, subject_of
 from runtime.session.request import Request
 from runtime.session.session import Session
 
@@ -72,6 +75,7 @@ class Replayed:
     fault : tick of the first fault after which the run waited to be armed again, where the replay ends; None without
         one
     end : the end of the recorded run up to there, with `status` and `culprit`; {} if it is not recorded
+    context : lines on the newest ticks of the block that caused the end, if they were asked for
     """
 
     there: Trial
@@ -84,6 +88,12 @@ class Replayed:
     files: list[str]
     fault: int | None
     end: dict[str, Any]
+    context: tuple[str, ...] = ()
+
+    @property
+    def faulted(self) -> bool:
+        """Whether the recorded run ended in a fault, or waited after one."""
+        return self.end.get("status", "ok") not in ("ok", "stopped")
 
     @property
     def same(self) -> bool:
@@ -163,18 +173,21 @@ def open_recording(path: str | Path) -> Trial:
     return trial
 
 
-def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Replayed:
+def replay(trial: Trial, source: Source, folder: str | Path | None = None, width: int | None = None) -> Replayed:
     """Run a recording again.
 
     trial : as `open_recording` returns it
     source : as `source_of` returns it
     folder : folder for a recording of the replay, or None
+    width : characters of a line of `context`; None without it
 
     Raises BadInput if the recording cannot be replayed.
     """
     diagram, where, origin = diagram_of(trial, source)
     add_recorder(trial, diagram)
     schedule = compile_diagram(where, diagram)
+    if width is not None:
+        schedule = changed(schedule, **everything(schedule))
     live_changes(trial, schedule)  # refuses before anything starts
     comparison = ReplayComparison(trial.signals, {column.path: asdict(column) for column in schedule.recorded})
     feed = Feed(trial, schedule.buses, EXTERNAL_ENDS, comparison.add_recorded)
@@ -186,7 +199,7 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
         record=None if folder is None else Path(folder),
         no_record=folder is None,
     )
-    prepared = Prepared(request, diagram, schedule, None, None, -1, feed=feed)
+    prepared = Prepared(request, diagram, schedule, None, None, -1, feed=feed, subject=subject_of(trial))
     metadata = {**trial.about["metadata"], **origin, "replay_of": trial.path.name}
     try:
         result = ReplaySession(prepared, trial, comparison, metadata).carry_out()
@@ -203,7 +216,13 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
     unchanged = computation(recorded) == computation(json.loads(to_json(diagram)))
     compared = comparison.result(order(schedule))
     frames = comparison.recorded.frame_count
-    return Replayed(trial, source, unchanged, outcome, compared, comparison.frame, frames, files, feed.fault, feed.end)
+    replayed = Replayed(
+        trial, source, unchanged, outcome, compared, comparison.frame, frames, files, feed.fault, feed.end
+    )
+    if width is not None:
+        culprit = diagram.blocks.get(feed.end.get("culprit") or outcome.culprit or "")
+        replayed.context = tuple(inputs_and_outputs(result, culprit, width))
+    return replayed
 
 
 def add_recording(comparison: ReplayComparison, path: str | Path) -> None:

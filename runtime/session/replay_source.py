@@ -15,11 +15,13 @@ from graph import DiagramError, Sink
 from graph.store import from_json
 from runtime.host.errors import BadInput
 from runtime.robot.loading.file import load
+from runtime.robot.loading.subject import of_recording
 from runtime.robot.rig.file import parse
 
 if TYPE_CHECKING:
     from graph import Diagram
     from runtime.record.analysis.trial import Trial
+    from runtime.robot.loading.subject import Subject
 
 READ_SIZE = 1 << 20  # bytes
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:Panel", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
@@ -79,10 +81,17 @@ def diagram_of(trial: Trial, source: Source) -> tuple[Diagram, Path, dict[str, A
         diagram, where, origin = stored_diagram(trial, source), trial.path, {}
     else:
         rig, settings = metadata.get("rig"), list(metadata.get("settings", {}).items())
-        file, diagram = load(source.file, settings, rig and parse(Path(rig["file"]), rig["text"]), source.sha256)
+        rig_file = rig and parse(Path(rig["file"]), rig["text"])
+        file, diagram = load(source.file, settings, rig_file, source.sha256, subject_of(trial))
         where, origin = source.file, {"diagram_file": str(source.file), "source_sha256": file.sha256}
     diagram.rate = trial.about["rate"]
     return diagram, where, origin
+
+
+def subject_of(trial: Trial) -> Subject | None:
+    """Return the Subject of a recorded run, None without one."""
+    entry = trial.about["metadata"].get("subject")
+    return None if entry is None else of_recording(entry)
 
 
 def stored_diagram(trial: Trial, source: Source) -> Diagram:
@@ -91,7 +100,10 @@ def stored_diagram(trial: Trial, source: Source) -> Diagram:
     if trial.diagram is None:
         raise BadInput(f"{trial.path}: {source.instead}, and the recording contains no diagram: {remedy}")
     try:
-        return from_json(json.dumps(trial.diagram))
+        diagram, subject = from_json(json.dumps(trial.diagram)), subject_of(trial)
+        if subject is not None:
+            diagram.caps = subject.caps(diagram)
+        return diagram
     except DiagramError as error:
         raise BadInput(
             f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{remedy}"

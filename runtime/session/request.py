@@ -74,6 +74,13 @@ class Request:
         help="run on hardware: a rig file, such as lab.toml, with the interface of each bus and the mounting of each "
         "device",
     )
+    subject: Path | None = option(
+        "--subject",
+        default=None,
+        type=Path,
+        metavar="FILE",
+        help="limits for one person, signed by the principal investigator: no setting and no change exceeds them",
+    )
     rate: float | None = option(
         "--rate",
         default=None,

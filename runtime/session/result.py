@@ -55,6 +55,16 @@ class Result(Prepared):
         simulated = self.simulation is not None and outcome.faulted and outcome.status != "overrun"
         return simulated and self.control.culprit is None and outcome.culprit is not None
 
+    @property
+    def session_over(self) -> str | None:
+        """What ended a run whose subject file allows no more time, as text; None for another end."""
+        outcome, subject = self.outcome, self.subject
+        if subject is None or self.ramp.get("ends_at") != self.ticks or outcome.faulted:
+            return None
+        if outcome.signal or outcome.stopped:
+            return None
+        return f"the session ended after {self.ticks / self.schedule.rate:g} s: {subject.name} allows no more"
+
     def end_event(self) -> dict[str, Any]:
         """Return the last event of a recording."""
         outcome = self.outcome
@@ -65,6 +75,7 @@ class Result(Prepared):
             "tick": outcome.tick,
             "signal": outcome.signal,
             "stopped": outcome.stopped,
+            "session_over": self.session_over,
             "unconfirmed": list(outcome.unconfirmed),
             "confirmed_late": dict(outcome.late),
             "overruns": self.overruns,

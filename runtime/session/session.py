@@ -152,4 +152,5 @@ class Session:
             others=aside,
             waits=rig is None and self.prepared.plant is not None,
             pages=stopping_panel(self.prepared.diagram) is not None,
+            **self.prepared.ramp,
         )

@@ -8,7 +8,9 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +31,7 @@ from runtime.robot.loading.overrides import restore, set_seeds
 from runtime.robot.loading.recorded_signals import PLANT, everything
 from runtime.robot.loading.simulation import Simulation
 from runtime.session.memory_trial import check_memory, table, trial_of
-from runtime.session.prepare import Prepared, ticks_of
+from runtime.session.prepare import Prepared, read_subject, ticks_of
 from runtime.session.request import Request
 from runtime.session.result import Result
 
@@ -91,6 +93,7 @@ class SimulatedRun:
         plant_signals: str | Iterable[str] = (),
         duration: float | None = None,
         keep_rows: bool = True,
+        subject: str | os.PathLike[str] | None = None,
     ) -> None:
         if rate is not None:
             check_above_zero("rate", rate)
@@ -103,7 +106,9 @@ class SimulatedRun:
         self._lock, self._keep_rows, self._trial = threading.Lock(), keep_rows, None
         self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
         self._events: list[dict[str, Any]] = []
-        request = Request(self._file.path, duration=duration, fast=True, settings=pairs, seed=seed)
+        self._subject_undo = ExitStack()
+        person = None if subject is None else Path(subject)
+        request = Request(self._file.path, subject=person, duration=duration, fast=True, settings=pairs, seed=seed)
         named = plant_signals if isinstance(plant_signals, str) else ",".join(plant_signals)
         try:
             self._prepared, self._simulation = prepared, simulation = self._prepare(request, rate, named)
@@ -119,6 +124,7 @@ class SimulatedRun:
                 virtual=True,
                 rows=self._rows,
                 hosted=True,
+                **prepared.ramp,
             )
             self.advance(0)  # arms
         except BaseException:
@@ -127,18 +133,21 @@ class SimulatedRun:
 
     def _prepare(self, request, rate, plant_signals):
         """Build and compile robot and plant. Returns (Prepared, Simulation)."""
-        robot = build(self._file, request.settings, before=self._replaced)
+        subject = read_subject(request)
+        robot = build(self._file, request.settings, None, self._replaced, subject, self._subject_undo)
         if rate is not None:
             robot.rate = rate
         if request.seed is not None:
             self._replaced += set_seeds(robot, request.seed)
-        ticks = ticks_of(request, robot)
+        ticks = ticks_of(request, robot, subject)
         schedule = compile_diagram(self._file.path, robot)
         schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
         simulation = Simulation(self._file, robot, schedule, seed=request.seed, plant_signals=plant_signals)
         self._replaced += simulation.replaced
-        sha256 = self._file.sha256
-        return Prepared(request, robot, schedule, simulation, None, ticks, source_sha256=sha256), simulation
+        prepared = Prepared(
+            request, robot, schedule, simulation, None, ticks, source_sha256=self._file.sha256, subject=subject
+        )
+        return prepared, simulation
 
     @interruptible
     def step(self, seconds: float | None = None) -> None:
@@ -166,6 +175,7 @@ class SimulatedRun:
         """Advance the run by a number of ticks. A fault ends it."""
         with self._alone():
             last, going = self._done + ticks, True
+            last = min(last, self._prepared.ramp.get("ends_at", last))
             while going:
                 room = (1 + len(self._full)) * len(self._rows) - self._done
                 if room == 0 and self._done < last:
@@ -356,6 +366,7 @@ class SimulatedRun:
         """Restore a Diagram of the caller, for more runs."""
         if self._file.given is not None:
             self._file.given.rate = self._own_rate
+            self._subject_undo.close()
             restore(self._replaced)
         self._replaced = []
 

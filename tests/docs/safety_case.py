@@ -45,6 +45,14 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "60 ms.",
             "k": "A page of the panel changes nothing but live parameters inside their bounds, and one page at a time. "
             "Other messages are refused and counted.",
+            "l": "The caps of a subject file are the smaller limit wherever a limit reaches native code. No diagram, "
+            "subclass, setting, live change or second arming raises them; a mode whose torque nothing bounds is "
+            "refused.",
+            "m": "The guardian reads the torque in the frames of a capped actuator. A command above the cap is not "
+            "sent where the guardian carries the bus, and a measured torque above it and its accuracy ends the run.",
+            "o": "A run with a subject file is armed on a rig only if each actuator has a record of commissioning that "
+            "is fresh, fits its block and has no findings, or if the operator accepts its absence by name.",
+            "n": "A session ends after the time of the subject file, with a ramp of the commands.",
         },
     ),
     "H2": (

@@ -17,7 +17,20 @@ from blocks.actuators.pose import motion_of
 from blocks.actuators.requests import Requests
 from cext.kernels.devices.cubemars import servo as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
-from graph import Actuator, DampedStop, Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
+from graph import (
+    Actuator,
+    DampedStop,
+    Deviation,
+    Input,
+    Interval,
+    Memory,
+    Motion,
+    Output,
+    Param,
+    ReplyField,
+    TorqueBound,
+    Winding,
+)
 
 KINDS = {
     "duty": frames.DUTY,
@@ -258,6 +271,14 @@ class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, 
     def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return a command of zero current in every mode: a duty of zero would short the motor and brake it."""
         return [frames.amperes(frames.CURRENT, 0.0, self.can_id)]
+
+    def commanded_torque(self) -> ReplyField | None:
+        """Return the field of the current, in N·m."""
+        if self.mode not in CURRENTS:
+            return None
+        identifier, extended, _ = frames.frame(KINDS[self.mode], self.can_id)
+        command, unit = ((identifier, 0x1FFFFFFF, extended, b""),), 1e-3 * self.scales[2]
+        return ReplyField(command, 0, 32, low=-(2**31) * unit, high=(2**31 - 1) * unit, signed=True)
 
     def ask_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the disable, or the command of zero current of a board without it."""

@@ -11,10 +11,10 @@ from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
-from blocks.actuators.mit_frames import ENABLE
+from blocks.actuators.mit_frames import ENABLE, torque_field
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
-from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Output, Param, StopReply
+from graph import Actuator, CommandReplies, Deviation, Interval, Memory, Output, Param, ReplyField, StopReply
 
 if TYPE_CHECKING:
     from graph.device_data import DampedStop, Motion
@@ -116,7 +116,7 @@ class ExtendedFrames:
     def stop_reply(self) -> StopReply:
         """Return the StopReply: statuses of a current near zero, and of a V3.0 board the answer to the disable."""
         rest = self.rest_torque(0.0) / self.scales[2]
-        return frames.stop_reply(self.can_id, rest, echoes=self.spec.generation >= 3)
+        return replace(frames.stop_reply(self.can_id, rest, self.spec.generation >= 3), unit=self.scales[2])
 
 
 class CubeMarsV3(ExtendedFrames, Reporting, Joint, Actuator):
@@ -188,6 +188,9 @@ class CubeMarsV3(ExtendedFrames, Reporting, Joint, Actuator):
 
     def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.DISABLE, self.can_id)]
+
+    def commanded_torque(self) -> ReplyField:
+        return torque_field(self.zero_frames()[0], self.wire[4])
 
     def damped_stop(self) -> DampedStop | None:
         return damped_stop(self, self.damping_frames, frames.velocity_field(self.can_id, self.scales[1]))

@@ -267,6 +267,13 @@ class RobStride(ReadBack, Joint, Actuator):
             disabled=(frames.MODE_BITS, 0),
         )
 
+    def commanded_torque(self) -> ReplyField | None:
+        """Return the field of the torque, in the identifier of operation control."""
+        if self.mode != "operation":
+            return None
+        command = ((frames.OPERATION << 24 | self.can_id, 0x1F0000FF, True, b""),)
+        return ReplyField(command, first=-24, bits=16, low=-self.wire[4], high=self.wire[4])
+
     def traffic(self) -> list[tuple[int, bool]]:
         count = 1 if self.mode in ("operation", "current") else 2
         return [(8, True)] * (2 * count)
@@ -285,7 +292,7 @@ class RobStride(ReadBack, Joint, Actuator):
         written: list[tuple[int, float]] = (
             [(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout))] if self.own_timeout else []
         )
-        written += [(frames.RUN_MODE, RUN_MODES[self.mode]), (frames.LIMIT_TORQUE, self.motor_torque)]
+        written += [(frames.RUN_MODE, RUN_MODES[self.mode]), (frames.LIMIT_TORQUE, self.capped_limit / self.gear_ratio)]
         if self.mode in POSITION_MODES:
             faster = frames.VEL_MAX if self.mode == "position" and not spec.is_cybergear else frames.LIMIT_SPD
             written.append((faster, self.velocity_limit * ratio))

@@ -76,6 +76,7 @@ def optimise(
         settings=request.settings,
         seed=request.seed,
         rate=request.rate,
+        subject=request.subject,
         plant_signals=plant_signals,
         keep_rows=False,
     ) as run:

@@ -26,7 +26,7 @@ else:
     import tomli as tomllib
 
 TABLES = ("settings", "grid", "sample", "objectives")
-KEYS = ("diagram", "duration", "rate", "seeds", "samples", "sample_seed", *TABLES)
+KEYS = ("diagram", "duration", "rate", "seeds", "samples", "sample_seed", "subject", *TABLES)
 RESULTS = ("trial", "ticks", "fault", "error")  # columns of every table
 DISTRIBUTIONS: dict[str, Callable[[np.random.Generator, int, Any, Any], np.ndarray]] = {
     "uniform": lambda source, count, low, high: source.uniform(low, high, count),
@@ -45,6 +45,7 @@ class Study:
     seeds : integers; every combination runs once with each of them as the seed of its noise sources
     samples : number of values drawn for each parameter of `sample`
     sample_seed : integer from which the samples are drawn
+    subject : path of a subject file, whose limits no trial exceeds; None without one
     settings : {name: value} of every run
     grid : {name: [values]}, whose combinations are run
     sample : {name: {distribution: [two numbers]}}
@@ -57,6 +58,7 @@ class Study:
     seeds: list[int] = field(default_factory=list)
     samples: int = 0
     sample_seed: int = 0
+    subject: str | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     grid: dict[str, list[Any]] = field(default_factory=dict)
     sample: dict[str, dict[str, list[float]]] = field(default_factory=dict)
@@ -120,6 +122,7 @@ class Study:
             "settings": {**self.settings, **varied},
             "seed": seed,
             "rate": self.rate,
+            "subject": self.subject,
             "plant_signals": self.plant_signals(),
         }
 
@@ -148,9 +151,14 @@ class Study:
             source = sha256(Path(self.diagram).read_bytes()).hexdigest()
         except OSError as error:
             raise BadInput(f"cannot read the diagram {self.diagram}: {error.strerror or error}") from None
+        content = self.content()
+        person = content.pop("subject")
+        if person is not None:
+            from runtime.robot.loading.subject import read
+
+            content["subject_sha256"] = read(person).sha256
         return {
-            **{key: getattr(self, key) for key in KEYS},
-            "diagram": os.fspath(self.diagram),
+            **content,
             "source_sha256": source,
             **{f"module {name}": digest for name, digest in self.sources().items()},
         }

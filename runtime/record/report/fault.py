@@ -214,6 +214,8 @@ def fenced_text(result: RunResult) -> str:
         return "stopped by the guardian, because the control process has closed its connection"
     if stop is None:
         return "fenced by the guardian, which left no report of the reason"
+    if stop["because"] == "torque":
+        return f"fenced by the guardian: {stop['excess']}"
     return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"
 
 

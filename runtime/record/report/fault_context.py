@@ -22,12 +22,38 @@ def ticks(result: RunResult, block: Block | None) -> list[str]:
 
     Without a block, the table has the signals of all actuators.
     """
+    near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in result.schedule.signals]
+    lines = newest_ticks(result, near[:TABLE_SIGNAL_LIMIT])
+    return ["ticks before the fault:", *lines] if lines else []
+
+
+def inputs_and_outputs(result: RunResult, block: Block | None, width: int) -> list[str]:
+    """Return tables of the signals at the inputs and at the outputs of a block, as many of the newest ticks as fit.
+
+    Without a block, the tables have the commands and the feedback of all actuators. width : characters of a line
+    """
+    blocks = [block] if block is not None else [each for each in result.diagram if isinstance(each, Actuator)]
+    lines: list[str] = []
+    for each in blocks:
+        sources = [wire.source for wire in result.diagram.wires if wire.block is each]
+        groups = {
+            "inputs": [source.path for source in sources if isinstance(source, Signal)],
+            "outputs": [Signal(each, name).path for name in each.outputs],
+        }
+        for name, paths in groups.items():
+            table = newest_ticks(result, paths, width)
+            lines += [f"{name} of {each.path}:", *table] if table else []
+    return lines
+
+
+def newest_ticks(result: RunResult, paths: Sequence[str], width: int | None = None) -> list[str]:
+    """Return a table of recorded signals over the newest ticks, ending with a fault.
+
+    width : characters of a line, which leave room for fewer ticks; None for all ticks
+    """
     schedule, rows = result.schedule, result.newest
-    near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in schedule.signals][
-        :TABLE_SIGNAL_LIMIT
-    ]
     columns = {column.path: index for index, column in enumerate(schedule.recorded)}
-    kept = [path for path in near if path in columns]
+    kept = [path for path in paths if path in columns]
     if not rows or not kept:
         return []
     failed = result.outcome.tick > rows[-1][0]
@@ -39,7 +65,12 @@ def ticks(result: RunResult, block: Block | None) -> list[str]:
             values.append(result.control.final[schedule.signals[path].slot])
         unit = schedule.signals[path].unit
         table.append([path + (f" in {unit}" if unit not in ("1", "any") else ""), *map(_number, values)])
-    return ["ticks before the fault:", *align_columns(table)]
+    lines = align_columns(table)
+    while width is not None and max(map(len, lines)) > width and len(table[0]) > 2:
+        for row in table:
+            del row[1]
+        lines = align_columns(table)
+    return lines
 
 
 def malformed_frames(result: RunResult, block: Any) -> str:

@@ -4,6 +4,8 @@ from typing import Any
 
 from runtime.record.storage.grouping import PLAIN
 
+REPORT_LINES = 3  # of the recorded report of a fault: what it is, and where it came from
+
 
 def text(result: Any) -> list[str]:
     """Return the lines of a runtime.session.replay.Replayed for standard output."""
@@ -41,7 +43,7 @@ def text(result: Any) -> list[str]:
         ("only in the recording", comparison.only_here),
         ("only in the replay", comparison.only_there),
     ):
-        if paths:
+        if paths and not (result.context and paths is comparison.only_there):  # which has every signal
             lines.append(f"  {label}: {', '.join(paths[:5])}{f' and {len(paths) - 5} more' if len(paths) > 5 else ''}")
     if any(comparison.missing):
         lines.append(
@@ -52,7 +54,15 @@ def text(result: Any) -> list[str]:
             f"  different end: recorded {end(result.end['status'], result.end['culprit'])}, "
             f"replayed {end(result.outcome.status, result.outcome.culprit)}"
         )
-    return lines + [f"  {path}" for path in result.files]
+    lines += [f"  {path}" for path in result.files]
+    if not result.context:
+        return lines
+    tick = result.fault if result.fault is not None else result.end.get("tick", result.outcome.tick)
+    how = end(result.end["status"], result.end["culprit"]) if result.end else "the recording does not state how"
+    when = f"tick {tick} ({tick / result.there.about['rate']:g} s)"
+    report = [line for line in result.end.get("report", ()) if not line.startswith("  ticks")][:REPORT_LINES]
+    head = report or [f"the run ended: {how}, {when}"]
+    return [*lines, *head, *result.context]
 
 
 def end(status: str, culprit: str | None) -> str:

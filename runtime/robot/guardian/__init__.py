@@ -54,13 +54,14 @@ if TYPE_CHECKING:
     from cext.ring.rings import Lines
     from graph import DampedStop, ReplyField, StopReply
     from graph.device_data import Frame, Pattern
-    from graph.schedule import Schedule
+    from graph.schedule import DeviceSteps, Schedule
     from runtime.robot.guardian.lock import BusLock
     from runtime.robot.guardian.plan_types import (
         EncodedFrame,
         EncodedReply,
         Plan,
         PlanBus,
+        PlanCap,
         PlanDamp,
         PlanField,
         PlanLock,
@@ -168,9 +169,9 @@ class GuardianProcess(ChildProcess):
     def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
-        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended", "paused"
-            or "cut off"; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of
-            devices
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended", "paused",
+            "cut off" or "torque", with `excess`; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`,
+            `unconfirmed` are names of devices
         troubles : {bus: reason it failed}
         died : how the process ended, if it ended early
 
@@ -333,6 +334,7 @@ def plan(buses: list[PlanBus], schedule: Schedule, priority: int | None, relays:
                 "damp": _damping(device.damp),
                 "unanswered": device.unanswered,
                 "stop_reply": _confirming(device.stop_reply),
+                "cap": _cap(device),
             }
             for number, device in enumerate(schedule.devices)
             if device.bus in place
@@ -373,6 +375,24 @@ def _confirming(reply: StopReply | None) -> PlanReply | None:
         "enabled": _encoded_field(reply.enabled),
         "echo": reply.echo,
         "reports": reply.reports,
+    }
+
+
+def _cap(device: DeviceSteps) -> PlanCap | None:
+    """Return the cap of the torque of a device for the plan."""
+    cap, reply = device.cap, device.stop_reply
+    if cap is None or math.isinf(cap.torque):
+        return None
+    measured = _encoded_field(None if reply is None else reply.torque)
+    if measured is not None and reply is not None:
+        measured["low"], measured["high"] = reply.unit * measured["low"], reply.unit * measured["high"]
+    motion = None if device.watch is None else device.watch.watch.motion
+    return {
+        "torque": cap.torque,
+        "accuracy": 0.0 if motion is None else motion.accuracy,
+        "source": cap.source,
+        "measured": measured,
+        "commanded": _encoded_field(device.commanded),
     }
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cext.ring.rings import Lines
     from runtime.robot.guardian.plan_types import PlanBus, StopDevice
     from runtime.robot.guardian.stop import SafeStop
+    from runtime.robot.guardian.torque import TorqueCaps
 
 
 class Interfaces:
@@ -26,6 +27,7 @@ class Interfaces:
     devices : devices whose replies are received on a bus that the loop drives
     poll : select.poll that waits for frames, and for others
     lines : rings to the loop, which gets the frames of buses that have a line; None if it drives every bus itself
+    caps : TorqueCaps, which judge every received frame, or None
 
     wires : {index of a bus: Wire}
     polled : indexes of buses that have no descriptor to wait for
@@ -33,8 +35,14 @@ class Interfaces:
     """
 
     def __init__(
-        self, buses: Sequence[PlanBus], devices: Sequence[StopDevice], poll: select.poll, lines: Lines | None = None
+        self,
+        buses: Sequence[PlanBus],
+        devices: Sequence[StopDevice],
+        poll: select.poll,
+        lines: Lines | None = None,
+        caps: TorqueCaps | None = None,
     ) -> None:
+        self.caps = caps
         self.buses, self.devices, self.poll, self.lines = buses, devices, poll, lines
         self.wires: dict[int, Wire] = {}
         self.polled: set[int] = set()
@@ -52,7 +60,7 @@ class Interfaces:
         """Receive from the interface of a bus from here on; the replies to a safe stop if the loop drives the bus."""
         wire = self.wires[index]
         if self.buses[index]["line"] is None:
-            wire.listen(replies_of(self.devices, index))
+            wire.listen(replies_of(self.devices, index) + (self.caps.replies_on(index) if self.caps else []))
         descriptor = wire.fileno()
         if descriptor is not None:
             self._places[descriptor] = index
@@ -93,6 +101,8 @@ class Interfaces:
         for identifier, data, arrival in frames:
             if self.lines is not None and line is not None:
                 self.lines.give(line, identifier, data, arrival)
+            if self.caps is not None:
+                self.caps.measure(index, identifier, data, arrival)
             if stop is not None and arrival >= stop.began:
                 stop.receive(index, identifier, data, now, max(stop.began, self._drained.get(index, 0)))
         if len(frames) < FRAMES_AT_ONCE:

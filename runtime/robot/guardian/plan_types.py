@@ -71,6 +71,19 @@ class PlanReply(TypedDict):
     reports: bool
 
 
+class PlanCap(TypedDict):
+    """Cap of the torque, in N·m at the joint, and the fields of frames in that unit.
+
+    accuracy : of the measurement; source : text that names who imposes it
+    """
+
+    torque: float
+    accuracy: float
+    source: str
+    measured: PlanField | None
+    commanded: PlanField | None
+
+
 class PlanDevice(TypedDict):
     """Device. number : index in the schedule; bus : index in the plan; unanswered : disable frames without a reply"""
 
@@ -82,6 +95,7 @@ class PlanDevice(TypedDict):
     damp: PlanDamp | None
     unanswered: int
     stop_reply: PlanReply | None
+    cap: PlanCap | None
 
 
 class PlanRelay(TypedDict):
@@ -127,6 +141,7 @@ class StopDevice(TypedDict):
     damp: StopDamp | None
     unanswered: int
     stop_reply: PlanReply | None
+    cap: PlanCap | None
 
 
 class StopReport(TypedDict):

@@ -4,6 +4,7 @@
                 the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
                 orders, which other code of that process may close; the loop, by the time of its newest tick (stall),
                 and by the block that hangs or crashes in the shared state
+                the torque in the frames of actuators that a subject file caps (runtime.robot.guardian.torque)
     stop        raise the fence; then send zero torque and disable to every actuator until each has confirmed. Those
                 that have not after 200 ms are reported, and get the frames at a falling rate; an interface that was
                 lost is opened again. The control process orders the same for actuators that its own stop has left
@@ -52,6 +53,7 @@ from runtime.robot.guardian.handover import Handover, Successor
 from runtime.robot.guardian.interfaces import Interfaces
 from runtime.robot.guardian.relay import Relay
 from runtime.robot.guardian.stop import SafeStop, decoded, frames_of_stop
+from runtime.robot.guardian.torque import TorqueCaps, in_words
 from runtime.robot.guardian.wires import SHARED, CannotOpen, load, open_wire
 
 if TYPE_CHECKING:
@@ -131,6 +133,7 @@ class Guardian:
         self.devices = [decoded(device) for device in plan["devices"]]
         self.relays = [*plan["relays"]]
         self.limit = int(plan["limit"] * 1e9)
+        self.caps = TorqueCaps(self.devices)
         self.carried = [(index, bus["line"]) for index, bus in enumerate(self.buses) if bus["line"] is not None]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         # of buses that are being taken over: (index, end of the connection)
@@ -139,7 +142,7 @@ class Guardian:
         ]
         self.attend = 0  # ns at which their drives get the next frames
         self.poll = select.poll()
-        self.interfaces = Interfaces(self.buses, self.devices, self.poll, lines)
+        self.interfaces = Interfaces(self.buses, self.devices, self.poll, lines, self.caps)
         self.wires = self.interfaces.wires
         self.handover = Handover(plan["locks"], self.interfaces)
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
@@ -156,7 +159,7 @@ class Guardian:
         if problems:
             self._answer({"troubles": problems})
             return False
-        for index, _ in self.carried:
+        for index in {*(index for index, _ in self.carried), *self.caps.buses()}:
             self.interfaces.listen(index)
         self.groups = control_group.enter()
         granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(self.priority)
@@ -227,7 +230,7 @@ class Guardian:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             checked = now
             # reported in the shared state: no grace
-            reported = self.shared.hung is not None or time_suspended(self.shared) > 0
+            reported = self.shared.hung is not None or time_suspended(self.shared) > 0 or self.caps.excess is not None
             if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             if self.successors:
@@ -326,13 +329,16 @@ class Guardian:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
+        elif self.caps.excess is not None:
+            self.begin_stop("torque", silent, now)
 
     def begin_stop(
         self, because: str, silent: int, now: int, only: list[str] | None = None, lasts: float = STOP_ORPHANED
     ) -> None:
         """Raise the fence and begin the safe stop.
 
-        because : "died", "hung", "suspended", "paused", "cut off", "stalled", or "unconfirmed" by the loop's own stop
+        because : "died", "hung", "suspended", "paused", "cut off", "stalled", "torque" above the cap of a subject, or
+            "unconfirmed" by the loop's own stop
         silent : ns since the newest tick, or for which the computer was suspended or the loop paused
         now : ns of CLOCK_MONOTONIC
         only : names of the devices to stop; None for all
@@ -348,6 +354,8 @@ class Guardian:
             "state": self.shared.state,
             "last_tick": self.shared.statistics()["last_tick"],
         }
+        if because == "torque" and self.caps.excess is not None:
+            self.verdict.setdefault("excess", in_words(self.caps.excess))
         if self.shared.hung is not None:
             self.verdict["block"] = self._block_name()
         if self.shared.crashed:
@@ -356,7 +364,7 @@ class Guardian:
         for index in self.wires:
             if self.buses[index]["line"] is None:
                 self.interfaces.listen(index)
-            else:
+            if self.buses[index]["line"] is not None or index in self.caps.buses():
                 self.interfaces.receive(index, None)  # replies to earlier commands confirm nothing
         relays = [Relay(relay, now - silent) for relay in self.relays]
         devices = [device for device in self.devices if only is None or device["name"] in only]
@@ -401,8 +409,11 @@ class Guardian:
             for identifier, data, _ in lines.take(line):
                 if (self.verdict is not None or self.shared.fenced) and (index, identifier, data) not in self.harmless:
                     lines.count_up(line, "withheld")
-                else:
+                elif self.caps.permits(index, identifier, data):
                     wire.send(identifier, data)
+                else:
+                    lines.count_up(line, "withheld")
+                    self.check_loop(time.monotonic_ns())  # before the next frame
             if wire.counts:
                 for kind, many in wire.counts.items():
                     lines.count_up(line, kind, many)
@@ -472,6 +483,7 @@ def _in_words(verdict):
         "paused": f"every process of the run was paused for {verdict['silent']:.1f} s after {tick}",
         "cut off": f"the control process has closed its connection to the guardian after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "torque": f"{verdict.get('excess')}, after {tick}",
         "unconfirmed": f"the stop after {tick} was not confirmed by every actuator",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(

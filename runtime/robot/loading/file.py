@@ -9,6 +9,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import lru_cache
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from graph import Schedule
     from runtime.robot.loading.overrides import Replaced, Settings
+    from runtime.robot.loading.subject import Subject
     from runtime.robot.rig.file import RigFile
 
 T = TypeVar("T")
@@ -47,17 +49,18 @@ def load(
     settings: Settings = (),
     rig: RigFile | None = None,
     sha256: str | None = None,
+    subject: Subject | None = None,
 ) -> tuple[DiagramFile, Diagram]:
     """Read a diagram file and build its diagram.
 
     path : path of the file; or a Diagram, or a function that builds one
-    settings, rig : as in `build`
+    settings, rig, subject : as in `build`
     sha256 : hex digest of the only source that may be run; None for any
 
     Returns (DiagramFile, Diagram). Raises BadInput.
     """
     file = source(path, sha256=sha256)
-    return file, build(file, settings, rig)
+    return file, build(file, settings, rig, subject=subject)
 
 
 def source(
@@ -89,7 +92,12 @@ def source(
 
 
 def build(
-    file: DiagramFile, settings: Settings = (), rig: RigFile | None = None, before: list[Replaced] | None = None
+    file: DiagramFile,
+    settings: Settings = (),
+    rig: RigFile | None = None,
+    before: list[Replaced] | None = None,
+    subject: Subject | None = None,
+    undo: ExitStack | None = None,
 ) -> Diagram:
     """Build the diagram of a DiagramFile. Raises BadInput.
 
@@ -97,6 +105,7 @@ def build(
         any other is a parameter of `build` or `plant`
     rig : RigFile or None; its device parameters are set before the settings
     before : list that receives (block, parameter, value) of every parameter of a block before it is set
+    subject : Subject whose limits come last, above all others; undo : receives what undoes them
     """
     path, build = file.path, file.function("build")
     diagram: Any = getattr(file.module, "diagram", None)
@@ -105,7 +114,7 @@ def build(
     plant = getattr(file.module, "plant", None)
     if isinstance(plant, Diagram):
         raise BadInput(f"{path}: plant is a Diagram: write a function plant(robot) that returns it")
-    share_out(file, settings)
+    share_out(file, settings if subject is None else [*settings, *subject.settings(build, settings)])
     if build is not None:
         diagram = call(file, build, **file.build_parameters)
         check_returned(build, diagram, "diagram")
@@ -116,6 +125,10 @@ def build(
 
         override(rig, diagram)
     set_block_parameters(diagram, [(name, value) for name, value in settings if "." in name], before)
+    if subject is not None:
+        restored = subject.apply(diagram)
+        if undo is not None:
+            undo.callback(restored)
     return diagram
 
 

@@ -157,6 +157,25 @@ def test_replay_repeats_a_fault(recorded, command_line, tmp_path):
     assert code == CHECK_FAILED and "different end: recorded exception at law, replayed ok\n" in out
 
 
+def test_until_fault_shows_the_inputs_and_outputs_of_the_block_in_80_columns(recorded, command_line, tmp_path):
+    path = law(tmp_path, "return 1.0 / (tick - 70)")
+    file = recorded(path, "--fast", "--duration", "1", code=FAULT)
+    code, out, _ = command_line("replay", "--until-fault", file)
+    assert code == FAULT and "bit for bit" in out and "FAULT at law, tick 70 (0.14 s): its step" in out
+    inputs, outputs = out.partition("inputs of law:\n")[2].split("outputs of law:\n")
+    assert max(map(len, (inputs + outputs).splitlines())) <= 80
+    assert inputs.split()[0] == "tick" and "70 (fault)" in inputs
+    assert "knee.position in rad" in inputs and "knee.velocity in rad/s" in inputs
+    [torque] = [line.split() for line in outputs.splitlines() if "law.torque in N·m" in line]
+    assert float(torque[-2]) == -1.0, "of tick 69"
+    file = recorded(law(tmp_path, STEADY), "--fast", "--duration", "0.2")
+    code, out, _ = command_line("replay", "--until-fault", file)
+    assert code == OK and "the run ended: ok, tick 99 (0.198 s)" in out and "inputs of knee:" in out
+    file.write_bytes(file.read_bytes()[:-2000])
+    code, out, _ = command_line("replay", "--until-fault", file)
+    assert code == OK and "the recording does not state how" in out and "inputs of knee:" in out
+
+
 def test_replay_repeats_a_drive_timeout_in_the_same_tick(command_line, tmp_path):
     with Bus(tmp_path) as bus:
         process = bus.start("--record", "out")

@@ -46,6 +46,7 @@ class Preflight:
     confirm : whether the operator confirms the table; or the signal that confirms it, as in --arm-on
     granted : texts, the real-time privileges of the guardian
     poses : runtime.robot.rig.poses.Poses, or None
+    subject : lines on the limits of a subject file
     """
 
     def __init__(
@@ -56,8 +57,9 @@ class Preflight:
         confirm: bool | str,
         granted: Sequence[str] = (),
         poses: Poses | None = None,
+        subject: Sequence[str] = (),
     ) -> None:
-        self.poses = poses
+        self.poses, self.subject = poses, list(subject)
         self.page = stopping_panel(diagram) is not None
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
@@ -98,6 +100,7 @@ class Preflight:
             "refused": [*refusals.values(), *[NO_PAGE] * (self.page and not linked)],
             "confirm": self.confirm,
             "page": self.page,
+            "subject": self.subject,
         }
 
     def row(self, block: Any, values: np.ndarray) -> dict[str, Any]:

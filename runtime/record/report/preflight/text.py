@@ -22,6 +22,8 @@ def text(event: dict[str, Any], console: Console) -> list[str]:
     lines = [console.bold("before arming"), *_devices(event["devices"], console), *_buses(event["buses"], console)]
     if event["guardian"]:
         lines += console.hang("  guardian  ", ", ".join(event["guardian"]), console.faint)
+    for place, line in enumerate(event.get("subject", ())):
+        lines += console.hang("    " if place else "  limits of ", line)
     if event.get("page"):
         lines += console.hang("  page  ", PAGE, console.faint)
     problems = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from blocks.recorders import CsvRecorder
 from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -21,6 +22,7 @@ from runtime.setup.bench.rate.search import Step
 if TYPE_CHECKING:
     from cext.schedule.outcome import Outcome
     from runtime.robot.rig.file import RigFile
+    from runtime.session.result import Result
 
 SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
 RESOLUTION = 2e-6  # s per actuator between polls of the emulated drives: one replies while others receive commands
@@ -86,6 +88,9 @@ class OnRig:
     rig : RigFile with one bus
     confirmed : whether to arm without confirmation by the operator
     say : as in runtime.session.session.Session
+    folder : folder of the recordings; None for no recordings
+
+    result : Result of the newest step
     """
 
     def __init__(
@@ -97,7 +102,10 @@ class OnRig:
         confirmed: bool = False,
         realtime: str = "try",
         say: Callable[[list[str]], object] = lambda lines: None,
+        folder: Path | None = None,
     ) -> None:
+        self.folder = folder
+        self.result: Result | None = None
         self.make, self.ids = make, ids
         self.rig, self.seconds = rig, seconds
         self.confirmed, self.realtime, self.say = confirmed, realtime, say
@@ -118,10 +126,14 @@ class OnRig:
         for block in diagram:
             if hasattr(block, "emulator"):
                 block.bitrate = UNLIMITED
+        if self.folder is not None:
+            with diagram:
+                CsvRecorder()
         schedule = compile(diagram)
-        request = Request(Path(__file__), rig=self.rig.path, no_record=True, yes=self.confirmed, realtime=self.realtime)
+        kept: dict[str, Any] = {"no_record": True} if self.folder is None else {"record": self.folder}
+        request = Request(Path(__file__), rig=self.rig.path, yes=self.confirmed, realtime=self.realtime, **kept)
         ticks = max(10, round((self.seconds + SETTLING) * rate))
-        result = Session(
+        result = self.result = Session(
             Prepared(request, diagram, schedule, None, RigBuses(self.rig, diagram, schedule.buses), ticks),
             self.say,
             count_from=round(SETTLING * rate),
