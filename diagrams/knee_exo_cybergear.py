@@ -29,7 +29,7 @@ def build(side="left", assistance=1.0):
             knee = RobStride("CyberGear", bus="knee", invert=side == "right", name="knee")
             thigh, shank = imu("thigh", "133941"), imu("shank", "133942")
             load = FSR(name="heel")(ADS1115(channels=("a0",), timeout=0.1, rate=475, name="converter").a0)
-            strike = ContactEvents(smallest=10.0, name="events")(load.force).strike
+            strike = ContactEvents(smallest=10.0, name="heel_events")(load.force).strike
             leg = gait(*thigh, strike)
             walking = walks(leg, shank.velocity)
             torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=leg.phase, enable=leg.walking)

@@ -1,6 +1,6 @@
 """Pages of the robots in docs/robots: what each does, its parts, drawing, average stride and work.
 
-python -m tests.diagrams.pages [ROBOT...]
+python -m tests.diagrams.pages [--pictures] [ROBOT...]
 """
 
 import ast
@@ -23,7 +23,7 @@ from runtime.record.analysis.legs import legs
 from runtime.robot.loading.draw import draw_file
 from runtime.robot.loading.file import load
 from tests.checkout import ROOT
-from tests.diagrams import motions
+from tests.diagrams import gallery, motions
 from tests.diagrams.robots import ROBOTS, SUITS, path
 
 FOLDER = ROOT / "docs" / "robots"
@@ -89,10 +89,17 @@ def run(robot, settings):
 
 
 def write(robot):
-    """Write the page of a robot and its pictures."""
+    """Write the page of a robot."""
+    (FOLDER / f"{robot}.md").write_text(
+        head(robot) + ("" if robot in SUITS else f"\n{work(robot)}\n{behaviour(robot)}")
+    )
+
+
+def draw(robot):
+    """Write the pictures of a robot: its block diagram, its average stride, and its wearer."""
     (FOLDER / "images").mkdir(parents=True, exist_ok=True)
     draw_file(path(robot), output=str(FOLDER / "images" / f"{robot}.svg"))
-    page, picture = head(robot), io.BytesIO()
+    picture = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": robot}):
         if robot in SUITS:
             trial = run(robot, {})
@@ -102,13 +109,17 @@ def write(robot):
         else:
             joints = strides(robot, {})
             columns, about = stride_picture.by_joint(joints), stride_picture.about_legs(robot, joints)
-            page += "\n" + work(robot) + "\n" + behaviour(robot)
         stride_picture.draw(columns, about, picture, "svg", width=WIDTH)
     rounded = re.sub(r"(\d\.\d)\d+", r"\1", picture.getvalue().decode())  # a third of the size, and few changes
     (FOLDER / "images" / f"{robot}_stride.svg").write_text(rounded)
-    (FOLDER / f"{robot}.md").write_text(page)
+    person = gallery.draw(load(path(robot))[1], robot, gallery.curves_of(columns))
+    (FOLDER / "images" / f"{robot}_person.svg").write_text(person)
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or ROBOTS:
-        write(name)
+    (FOLDER / "images" / "key.svg").write_text(gallery.key())
+    pictures_only = "--pictures" in sys.argv
+    for name in [word for word in sys.argv[1:] if word != "--pictures"] or ROBOTS:
+        draw(name)
+        if not pictures_only:
+            write(name)

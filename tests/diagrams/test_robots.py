@@ -4,21 +4,24 @@ silent.
 
 import os
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import runtime
+from blocks.actuators import CubeMars
 from blocks.clock import Clock
 from blocks.logic import Compare
+from blocks.safety import EStopHeartbeat
 from blocks.wearer import Walker
 from cext.fused import library
 from graph import Actuator, Device, Diagram, compile
 from runtime.host.errors import OK
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
-from tests.diagrams import motions, pages
+from tests.diagrams import gallery, motions, pages
 from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
@@ -207,6 +210,28 @@ def test_the_load_cells_of_ankle_exo_measure_the_torque_of_its_drives():
 def test_page_describes_the_diagram(robot):
     assert (pages.FOLDER / f"{robot}.md").read_text().startswith(pages.head(robot))
     assert f"({robot}.md)" in (pages.FOLDER / "README.md").read_text()
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_drawing_shows_the_devices_of_the_diagram_where_they_are_worn(robot):
+    _, diagram = load(path(robot))
+    stored = (pages.FOLDER / "images" / f"{robot}_person.svg").read_text()
+    drawn, *_ = stored.partition("<text")
+    assert drawn == gallery.draw(diagram, robot, []).removesuffix("</svg>\n"), "run python -m tests.diagrams.pages"
+    kinds = Counter(gallery.symbol(block)[0] for block in gallery.devices(diagram))
+    assert drawn.count('r="9"') == kinds["drive"] == sum(isinstance(block, Actuator) for block in diagram)
+    assert drawn.count('width="6.4"') == kinds["imu"]
+
+
+def test_a_device_without_a_place_or_a_symbol_is_refused():
+    with Diagram("odd", rate=200) as diagram:
+        CubeMars("AK80-9", bus="legs", can_id=1, name="elbow")
+        EStopHeartbeat(bus="legs", name="stop")
+    elbow, stop = diagram
+    with pytest.raises(ValueError, match="elbow: no place on the body"):
+        gallery.place(elbow)
+    with pytest.raises(ValueError, match="stop: no symbol for EStopHeartbeat"):
+        gallery.symbol(stop)
 
 
 @pytest.mark.soak

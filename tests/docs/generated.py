@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+from collections import Counter
 from contextlib import redirect_stdout, suppress
 from unittest import mock
 
@@ -14,9 +15,10 @@ from runtime.cli.main import GROUPS, main
 from runtime.robot.loading.catalog import class_card
 from runtime.robot.rig import errors
 from tests.docs import block_pages
-from tests.docs.pages import DOCS, anchors
+from tests.docs.block_pages import INDEX
+from tests.docs.pages import DOCS, PAGES, anchors
 
-QUICK_FAMILIES = ("actuators", "filters", "states", "wearer")
+QUICK_FAMILIES = ("actuators", "controllers", "filters", "states", "wearer")
 MODULES = {  # module: contents
     "graph": "diagrams, blocks and devices",
     "graph.conformance": "the test that every block must pass",
@@ -64,12 +66,21 @@ def put(path, text):
 
 def scorer():
     """Return the order of results of the site's search: Scorer of Sphinx."""
-    places = {}
+    texts = "\n".join(page.read_text() for page in PAGES if page != INDEX)
+    named = Counter(re.findall(r"\b[A-Z]\w+", texts))
+    blocks = {}
     for kind in block_pages.homes():
-        for place, parameter in enumerate(class_card(kind)["parameters"]):
-            places.setdefault(parameter["name"], {})[kind.__name__] = place
+        card, name = class_card(kind), kind.__name__
+        parameters = [words(f"{each['name']} {each['description']}") for each in card["parameters"]]
+        blocks[name] = [round(named[name] / max(named.values()), 4), words(f"{name} {card['summary']}"), *parameters]
     text = (DOCS / "_templates" / "scorer.js").read_text()
-    return re.sub(r"\{/\*.*?\*/\}", json.dumps(places), text)
+    return re.sub(r"\{/\*.*?\*/\}", lambda _: json.dumps(blocks, ensure_ascii=False), text)
+
+
+def words(text):
+    """Return the words of a text in lower case, each once; those of LowPass, low_pass and low-pass are the same."""
+    parts = re.findall(r"[a-z\d]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", text).lower())
+    return [*dict.fromkeys([*parts, *re.findall(r"\w+", text.lower())])]
 
 
 def python_pages():

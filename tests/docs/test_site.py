@@ -8,13 +8,14 @@ import shutil
 import subprocess
 import sys
 import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import quote
 
 import pytest
 
 from tests.checkout import ROOT
 from tests.docs.block_pages import INDEX
-from tests.docs.generated import scorer
 from tests.docs.pages import DOCS, PAGES
 from tests.docs.site import list_versions
 from tests.graph.drawing.browser import needs_browser
@@ -121,13 +122,36 @@ def test_an_address_without_a_page_leads_to_the_start_and_to_a_search(tmp_path, 
         server.shutdown()
 
 
+ASKED = {"stiffness": "Impedance", "damping": "Impedance", "integral gain": "PID", "low-pass": "Butterworth"}
+
+
+@pytest.mark.soak
 @needs_browser
-def test_a_search_lists_the_block_whose_first_parameters_have_that_name_first(tmp_path):
-    (tmp_path / "scorer.js").write_text(scorer())
-    (tmp_path / "search.html").write_text('<script src="scorer.js"></script>')
-    pages = [f"api/blocks/{name}" for name in ("Admittance", "Cuff", "Gain", "Impedance", "SoftStop")] + ["how_to/pid"]
+def test_a_search_lists_the_block_first_that_the_words_describe(site, tmp_path):
+    """Over HTTP, because the page reads the texts of what it has found."""
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
+    handler.log_message = lambda *words: None
+    first = "document.querySelector('#search-results li a')"
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, browser(tmp_path) as new_tab:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        for words, block in ASKED.items():
+            tab = new_tab(f"http://127.0.0.1:{server.server_port}/search.html?q={quote(words)}")
+            tab.wait_for(f"!!{first}")
+            assert tab.evaluate(f"{first}.pathname") == f"/api/blocks/{block}.html", words
+        server.shutdown()
+
+
+@pytest.mark.soak
+@needs_browser
+def test_no_page_is_wider_than_a_phone(site, tmp_path):
+    wide = {}
     with browser(tmp_path) as new_tab:
-        tab = new_tab(f"file://{tmp_path}/search.html?q=Stiffness+of+a+spring")
-        scores = tab.evaluate(f"{pages}.map((page) => Scorer.score([page, '', '', '', 5, '', 'text']))")
-    assert max(pages, key=dict(zip(pages, scores)).get) == "api/blocks/Impedance"
-    assert scores[pages.index("api/blocks/Gain")] == scores[-1] == 5
+        tab = new_tab(f"file://{site}/index.html")
+        tab.look(390, height=844)
+        for page in sorted(site.rglob("*.html")):
+            tab.open(f"file://{page}")
+            if (width := tab.evaluate("document.documentElement.scrollWidth")) > 390:
+                wide[str(page.relative_to(site))] = width
+        tab.evaluate("document.querySelector('.bd-article, body').append('x'.repeat(999))")
+        assert tab.evaluate("document.documentElement.scrollWidth") > 390  # it would be noticed
+    assert not wide

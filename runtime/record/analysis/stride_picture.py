@@ -243,8 +243,12 @@ def of_signals(conditions: Sequence[Condition], paths: Sequence[str]) -> dict[st
         unit, factor = shown_unit(conditions[0].trial.unit(path))
         block, port = path.rpartition(".")[::2]
         side, several = side_of(path), len(conditions) > 1
-        words = f"{block_name('/'.join(part for part in block.split('/') if part not in SIDES))} {port_name(port)}"
-        label = words.strip() + f", {side}" * bool(side and several) + f" ({unit})" * bool(unit)
+        words = [block_name("/".join(part for part in block.split("/") if part not in SIDES)), port_name(port)]
+        label = (
+            " ".join(word for word in words if word not in ("", "y"))
+            + f", {side}" * bool(side and several)
+            + f" ({unit})" * bool(unit)
+        )
         panel = panels.setdefault(label, Panel(label, []))
         for condition, colour in zip(conditions, COLOURS):
             values = factor * condition.curves(path)

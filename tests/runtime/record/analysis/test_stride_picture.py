@@ -8,6 +8,7 @@ import pytest
 
 import runtime
 from runtime.host.errors import OK
+from runtime.record.analysis.average_stride import contact_of
 from runtime.record.analysis.legs import legs
 from tests.runtime.record.analysis.test_plots import drawn
 from tests.runtime.record.recorder.running import CSV, columns, plan, record, row, sink
@@ -78,6 +79,12 @@ def test_toe_off_is_the_end_of_ground_contact(recorded):
     for leg in legs(runtime.load(recorded["wide"])):
         assert leg["toe_off"] == pytest.approx(TOE_OFF, abs=0.006)
         assert leg["signals"]["contact"] == f"{leg['title']}/foot.contact"
+
+
+def test_toe_off_comes_from_no_other_leg_and_no_heel():
+    assert contact_of(["left/a.contact", "right/a.contact", "left/x.load"], "left/knee.position") == "left/a.contact"
+    assert contact_of(["left/heel_events.contact", "right/a.contact"], "left/knee.position") is None
+    assert contact_of(["left/a.contact", "left/b.contact"], "left/knee.position") is None
 
 
 def test_conditions_are_named_by_labels_or_by_files_without_their_times(command_line, recorded):
