@@ -90,6 +90,21 @@ class StatusLine:
         )
         self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 
+    def complete(self, end: dict[str, Any] | None) -> None:
+        """Draw how the run ended, until its summary follows: a picture of the strides takes a second or more.
+
+        end : the last event of the run; None if its process has died
+        """
+        if not self.enabled or end is None:
+            return
+        if unconfirmed := end.get("unconfirmed"):
+            stop = part(9.0, f"NOT STOPPED, as far as known: {', '.join(unconfirmed)}", "NOT STOPPED")
+        else:
+            stop = part(9.0, "safe, stop confirmed" if self.torques else "ended", "safe")
+        saving = "completing the files" if self.plan["folder"] is not None else "ending"
+        line = fit([stop, part(5, saving)], self.terminal.columns - 1, self.terminal.coloured, self.terminal.unicode)[0]
+        self.terminal.draw(line)
+
     def erase(self) -> None:
         """Remove the line from the terminal."""
         self.terminal.erase()

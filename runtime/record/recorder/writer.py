@@ -128,6 +128,7 @@ def record(
         recording.discard()
         return
     orphaned = not shared.closed
+    status.complete(recording.end)
     report = recording.finish(orphaned)
     status.erase()
     if orphaned:

@@ -241,6 +241,28 @@ def test_the_answer_to_a_key_returns_to_a_narrow_status_line_as_soon_as_it_fits(
     assert lines == ["running 1.0 s · profile.peak 6 N·m", "running 1.0 s", "running 1.0 s · profile.peak 6.2 N·m"]
 
 
+@pytest.mark.parametrize(
+    "unconfirmed, columns, shown",
+    [
+        ([], 80, "safe, stop confirmed · completing the files"),
+        ([], 20, "safe"),
+        (["left/knee"], 80, "NOT STOPPED, as far as known: left/knee · completing the files"),
+        (["left/knee"], 20, "NOT STOPPED"),
+    ],
+)
+def test_the_end_is_shown_while_the_files_are_completed(unconfirmed, columns, shown):
+    sheet = Sheet()
+    sheet.columns = columns
+    limits = {"left/knee.torque": [-9.0, 9.0]}
+    signals = [{"path": "left/knee.torque", "unit": "N·m"}]
+    status = StatusLine(sheet, plan("here", status_line=True, limits=limits, signals=signals), Still())
+    status.complete({"unconfirmed": unconfirmed})
+    assert sheet.line == shown
+    sheet.line = "as before"
+    status.complete(None)
+    assert sheet.line == "as before"
+
+
 def test_milliseconds_of_lateness_are_shown_in_milliseconds():
     assert "late 0.06/1.24 ms" in line(
         statistics={**STATISTICS, "lateness": {**STATISTICS["lateness"], "p99": 1.24e-3}}
