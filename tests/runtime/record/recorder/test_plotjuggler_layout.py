@@ -22,7 +22,7 @@ def names(message, path=""):
 
 def test_every_curve_of_the_layout_is_sent_by_a_run(command_line):
     code, out, err = command_line("plotjuggler", KNEE_EXO)
-    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 46 signals; in PlotJuggler: File, Load Layout")
+    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 47 signals; in PlotJuggler: File, Load Layout")
     root = ElementTree.parse(command_line.folder / "knee_exo.xml").getroot()
     curves = [curve.get("name") for curve in root.iter("curve")]
     with Listener() as listener:
