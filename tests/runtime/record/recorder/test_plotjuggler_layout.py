@@ -127,7 +127,7 @@ def test_dummy_sends_test_waves(command_line):
     ]
     with Listener() as listener:
         command_line("plotjuggler", KNEE_EXO, "--dummy", listener.address, "--duration", "0.05")
-        assert len(names(listener.rest()[0])) == 47
+        assert len(names(listener.rest()[0])) == 48
 
 
 def test_missing_listener_is_reported_at_once(command_line):
