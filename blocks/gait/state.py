@@ -31,7 +31,8 @@ class GaitState(Block):
     leg, connect the rate of its shank. With `motion` "knee" and without shanks, the direction is not determined.
 
     Limits: standing is not detected if the thighs sway faster than the limit; without shanks, stepping in place can
-    count as walking. Direct feedthrough; NaN and infinity give a NaN confidence; a missing rate of a shank is skipped.
+    count as walking. Direct feedthrough; NaN and infinity give a NaN confidence, except NaN as the rate of a shank,
+    which is skipped.
     """
 
     still_velocity = Param(0.25, "rad/s", "largest velocity of a standing leg", above=0.0)

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Walking or standing, strides outside their envelope, and torques that fade with either."""
 
-from libc.math cimport INFINITY, NAN, fabs, floor, sqrt
+from libc.math cimport INFINITY, NAN, fabs, floor, isinf, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -108,7 +108,8 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     cdef double *track = arena + at.track
     cdef double apart, share, fastest, still
     cdef bint ahead
-    if not is_finite(phases + flags + left + right):
+    if not is_finite(phases + flags + left + right) or isinf(arena[at.direction.left_shank_velocity]) \
+            or isinf(arena[at.direction.right_shank_velocity]):
         arena[at.state] = arena[at.walking] = arena[at.standing] = 0.0
         arena[at.confidence] = arena[at.direction.direction] = NAN
         return OK

@@ -52,7 +52,7 @@ def rank(comparison: Comparison) -> list[Difference]:
 def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, comparison: Comparison) -> None:
     """Plot the first signals that differ: both around their largest difference, and the difference over time.
 
-    file : open for writing bytes; kind : "png" or "svg"
+    file : open for writing bytes; kind : "png", "svg" or "pdf"
     """
     from runtime.record.analysis import picture
     from runtime.record.analysis.picture import broken, drawable, plain

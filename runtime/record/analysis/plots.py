@@ -92,7 +92,7 @@ def over_time(
 
     rows : [[path], ...], one plot each
     file : open for writing bytes
-    kind : "png" or "svg"
+    kind : "png", "svg" or "pdf"
     subsystem : the one that the title names
     """
     figure, axes = sheet(len(rows), title)

@@ -29,6 +29,7 @@ UNITS = {1e9, 1e-9, 1e6, 1e3, 1e15}  # conversions, and an upper bound of a coun
 NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
     "READY_TIMEOUT",
     "LEAVE_TIMEOUT",
+    "START_LIMIT",
     "SWITCH",
     "EVENT_TIMEOUT",
     "POLL_PERIOD",

@@ -234,7 +234,7 @@ def test_replay_of_a_changed_diagram_can_be_compared(recorded, command_line, tmp
     )
     assert (
         command_line.refused("diff", file, new, "-o", "a.jpg")
-        == "-o a.jpg: the name of a picture must end in .png or .svg"
+        == "-o a.jpg: the name of a picture must end in .png, .svg or .pdf"
     )
     (command_line.folder / "diff.png").write_text("dear")
     assert (
