@@ -34,6 +34,7 @@ def main(folder: "str | None" = FOLDER) -> None:
     try:
         code = _start(folder)
     except ending.Interrupted as interrupt:  # after its command
+        ending.forget_interrupt()  # here, where it is not raised again
         code = 128 + interrupt.number
     ending.leave(code)
 

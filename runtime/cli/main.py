@@ -95,6 +95,7 @@ def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> i
         print_to_stderr(["tickwork: out of memory: compare `ulimit -v` and `free`"])
         code = BAD_INPUT
     except ending.Interrupted as interrupt:
+        ending.forget_interrupt()  # here, where it is not raised again
         print_to_stderr([f"tickwork: {ending.stopped_by(interrupt.number)}"])
         code = 128 + interrupt.number
     except KeyboardInterrupt:  # raised by user code: SIGINT raises Interrupted

@@ -49,6 +49,28 @@ def processor_time(process, number):
     return usage.ru_utime + usage.ru_stime - before.user - before.system
 
 
+AGAIN = """
+import os, signal, time
+import runtime.__main__ as program
+from runtime.host import ending
+
+ending.RETRY_PERIOD = 1e-4
+def interrupted(folder):
+    ending.raise_on_signals()
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(1.0)
+program._start = interrupted
+program.main()
+"""
+
+
+def test_an_interrupt_that_is_raised_again_and_again_does_not_change_the_end():
+    """A busy machine holds the process up for more than a period at any of its lines."""
+    for _ in range(10):
+        done = subprocess.run([sys.executable, "-c", AGAIN], cwd=ROOT, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (128 + signal.SIGTERM, "")
+
+
 def limit():
     """s from a signal to the end of the command; a busy machine has more."""
     return LIMIT_BUSY if os.getloadavg()[0] > os.cpu_count() else LIMIT
