@@ -10,6 +10,7 @@ import sys
 from blocks.imus import EmulatedMicroStrain
 from graph import Diagram, compile
 from runtime.robot.emulation.lines import EmulatedLines
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.emulation.serving import Service
 
 
@@ -23,6 +24,7 @@ def main(folder, rate, *sensors):
     schedule = compile(plant)
     lines = EmulatedLines(schedule.buses, folder)
     service = Service(schedule, [lines.end(name) for name in schedule.buses])
+    take_priority()  # already now: they answer at once
     print("ready", flush=True)
     service.run()
 
