@@ -6,7 +6,7 @@
     runtime.record.panel.orders     what a page may ask for, and how the run is asked
     runtime.record.panel.site       HTTP for the files of a page and access to its WebSocket, on one port
     runtime.record.panel.server     the WebSockets, who has the controls, and the link that the run watches
-    runtime.record.panel.pages      one open page: what it is sent, and what it may ask for
+    runtime.record.panel.pages      one open page: the messages to it, and its orders
     runtime.record.panel.foxglove   the same for a client of Foxglove's protocol
     runtime.record.panel.page       the page itself: HTML, CSS, JavaScript, and uPlot for the plots
 

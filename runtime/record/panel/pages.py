@@ -1,4 +1,4 @@
-"""One open page: what it is sent, and what it may ask for."""
+"""One open page: the messages to it, and its orders."""
 
 from __future__ import annotations
 

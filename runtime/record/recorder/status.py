@@ -97,10 +97,13 @@ class StatusLine:
         """
         if not self.enabled or end is None:
             return
-        if unconfirmed := end.get("unconfirmed"):
+        unconfirmed = end.get("unconfirmed")
+        if unconfirmed:
             stop = part(9.0, f"NOT STOPPED, as far as known: {', '.join(unconfirmed)}", "NOT STOPPED")
+        elif unconfirmed is not None and self.torques:
+            stop = part(9.0, "safe, stop confirmed", "safe")
         else:
-            stop = part(9.0, "safe, stop confirmed" if self.torques else "ended", "safe")
+            stop = part(9.0, "ended")
         saving = "completing the files" if self.plan["folder"] is not None else "ending"
         line = fit([stop, part(5, saving)], self.terminal.columns - 1, self.terminal.coloured, self.terminal.unicode)[0]
         self.terminal.draw(line)

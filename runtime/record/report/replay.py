@@ -4,7 +4,7 @@ from typing import Any
 
 from runtime.record.storage.grouping import PLAIN
 
-REPORT_LINES = 3  # of the recorded report of a fault: what it is, and where it came from
+REPORT_LINES = 3  # of the recorded report of a fault: its name, place and cause
 
 
 def text(result: Any) -> list[str]:
