@@ -37,6 +37,7 @@ SILENCE = 0.4  # s without frames, for a drive without a declared time-out
 FALLEN_SHARE = 0.3  # of the deflection
 AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
 STOPPED = "has stopped by itself"
+OF_COMPUTER = ("unguarded", "overrun", "hung", "suspended", "fenced", "exception")  # faults that no drive causes
 NO_LEVER = "without a lever nothing was measured"
 
 
@@ -81,6 +82,10 @@ class Probe(Block):
         """Duration in s."""
         return (1 if self.silence else 2) * (self.ends[2] + REST_TIME)
 
+    def sides(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Return the rows of each direction, {"+" or "-": rows}."""
+        return {name: [row for row in self.rows if row[0] == name] for name in "+-"}
+
     def reset(self):
         self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
 
@@ -120,12 +125,14 @@ def torque(bench: Bench, block: Any, given: Given) -> Result:
     if lever is None:
         return Result([NO_LEVER], done=False)
     probe, run = drive(bench, block, lever)
-    result = Result()
-    if run.outcome.faulted and not at_end(probe):
-        return failed(result, block, run)
-    sides = {name: [row for row in probe.rows if row[0] == name] for name in "+-"}
-    if not all(sides.values()):
-        return failed(result, block, run)
+    if not all(probe.sides().values()):
+        return failed(Result(), block, run)
+    return torque_of(block, lever, probe)
+
+
+def torque_of(block: Any, lever: Lever, probe: Probe) -> Result:
+    """Compare direction and scale of the torque with what a lever has shown in a run."""
+    result, sides = Result(), probe.sides()
     means = {name: [sum(row[i] for row in rows) / len(rows) for i in (1, 2, 3)] for name, rows in sides.items()}
     shown = {name: lever.torque * math.sin(angle) for name, (angle, _, _) in means.items()}
     commanded = (means["+"][1] - means["-"][1]) / 2.0
@@ -185,14 +192,11 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
     return result
 
 
-def at_end(probe: Probe) -> bool:
-    """Return whether a probe has measured both directions."""
-    return any(row[0] == "-" for row in probe.rows)
-
-
 def failed(result: Result, block: Any, run: RunResult) -> Result:
-    """Return a result with the fault that ended a run."""
+    """Return a result with the fault that ended a run; one of the computer is not a finding on the drive."""
     words = "; ".join(" ".join(line.split()) for line in run.report) or str(run.outcome.error or run.outcome.status)
+    if run.outcome.status in OF_COMPUTER:
+        return Result([f"the run ended for a reason of this computer, so nothing was measured: {words}"], done=False)
     name = "setting not kept" if "was written" in words else "fault of the run"
     result.find(name, f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
     return result
@@ -247,7 +251,10 @@ def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe
     limit = LIMIT_SHARE * rated_of(block)
     wanted = min(USED_SHARE * rated_of(block), STEEPEST * lever.torque)
     own = {name: getattr(block, name) for name in block.parameters}
-    changed = {"limit": limit, "zero_at_arming": False, "timeout": max(own["timeout"], REPLY_TIMEOUT, 2.0 * silence)}
+    timeout = max(own["timeout"], REPLY_TIMEOUT, 2.0 * silence)
+    changed = {"limit": limit, "zero_at_arming": False, "timeout": timeout}
+    if own.get("restart_time"):
+        changed["restart_time"] = timeout  # torque only: an angle that a restart has shifted moves nothing
     changed |= {name: block.parameters[name].default for name in ("reference", "known_pose") if name in own}
     if "mode" in own:
         changed["mode"] = block.parameters["mode"].default
