@@ -140,6 +140,7 @@ test-all:
 	"$$python" -m venv --clear $(OLDEST)
 	$(OLDEST)/bin/pip -q install uv
 	$(OLDEST)/bin/uv -q pip install --python $(OLDEST)/bin/python --resolution lowest-direct -e '.[test]'
+	$(MAKE) VENV=$(OLDEST) $(OLDEST)/packages
 	exec $(OLDEST)/bin/python -m pytest -m 'not soak and not paced and not timing'
 
 clean:
@@ -296,8 +297,20 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	compile_imports
 	mv $@.start $@
 
+# Editors and type checkers follow the paths on sys.path, but not the finder of pip's editable install. The folder has
+# links to the packages and to nothing else of the clone; Python itself is given a finder that finds nothing in it.
+$(VENV)/packages: | $(VENV)/made
+	$(VENV)/bin/python - $@ <<'END'
+	import os, sys, sysconfig
+	folder = os.path.abspath(sys.argv[1])
+	finder = f'import sys, importlib.machinery as m; p = {folder!r}; sys.path_importer_cache[p] = m.FileFinder(p + "/none")'
+	open(os.path.join(sysconfig.get_path("purelib"), "tickwork_packages.pth"), "w").write(f"{folder}\n{finder}\n")
+	END
+	mkdir -p $@
+	ln -sfn ../../blocks ../../cext ../../graph ../../runtime $@
+
 # Stubs are for editors and type checkers: git ignores them, wheels contain them.
-$(VENV)/stubs: $(STUBBED) $(SOURCES) $(VENV)/built | $(VENV)/installed
+$(VENV)/stubs: $(STUBBED) $(SOURCES) $(VENV)/built | $(VENV)/installed $(VENV)/packages
 	touch $@.start
 	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
 	$(VENV)/bin/python -m cext.stubs

@@ -447,12 +447,20 @@ class Block:
         """Return the error of this block. where : Location, or None"""
         return DiagramError(Diagnostic(code, message, path=self.path, where=where, hint=hint))
 
+    def __dir__(self) -> list[str]:
+        """Return the names to complete: ports, parameters, the steps, and what a class of the user's adds."""
+        own = [kind for kind in type(self).__mro__ if kind.__module__.partition(".")[0] not in _LIBRARY]
+        added = {name for kind in own for name in vars(kind) if not name.startswith("_") and name not in _WORDS}
+        return [*{*self.outputs, *self.inputs, *self.parameters, *added, *_COMPLETED}]
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.path}>"
 
 
 # names that a declaration must not override
 _WORDS = {word for word in vars(Block) if not word.startswith("_")} | {"name", "dt", "every", "location", "settle"}
+_LIBRARY = ("blocks", "builtins", "graph")  # packages whose attributes other than declarations are not completed
+_COMPLETED = ("dt", "path", "reset", "set", "step", "update")
 
 
 class Sink(Block):

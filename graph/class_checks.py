@@ -25,7 +25,10 @@ def check_class(kind: type[Any], declared: Iterable[str], reserved: Iterable[str
     """
     taken = next((name for name in declared if name in reserved), None)
     if taken is not None:
-        raise TypeError(f"{kind.__name__}: {taken!r} is reserved and cannot name a port or parameter")
+        raise TypeError(
+            f"{kind.__name__}: {taken!r} is reserved and cannot name a port or parameter: choose another name than "
+            f"{', '.join(sorted(reserved))}"
+        )
     unknown = next((name for name in kind.positional or () if name not in kind.parameters), None)
     if unknown is not None:
         raise TypeError(f"{kind.__name__}.positional names {unknown!r}, which is not a parameter of the class")

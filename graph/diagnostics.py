@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from types import FrameType
+from types import FrameType, TracebackType
 
 from msgspec import Struct
 
@@ -96,6 +96,20 @@ class DiagramError(Exception):
     def __init__(self, diagnostics: Diagnostic | Iterable[Diagnostic]) -> None:
         self.diagnostics = [diagnostics] if isinstance(diagnostics, Diagnostic) else list(diagnostics)
         super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
+        if sys.excepthook is sys.__excepthook__:
+            sys.excepthook = _show
+
+    def _render_traceback_(self) -> list[str]:
+        """Return the lines that IPython shows instead of a traceback: each diagnostic names the user's line."""
+        return str(self).splitlines()
+
+
+def _show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Print a DiagramError that ends a program without its traceback, as IPython does; any other as Python does."""
+    if isinstance(error, DiagramError) and all(diagnostic.where for diagnostic in error.diagnostics):
+        print(error, file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
 
 
 _OWN = tuple(str(Path(__file__).resolve().parent.parent / package) + "/" for package in ("graph", "blocks"))

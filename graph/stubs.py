@@ -1,21 +1,23 @@
-"""Type stubs of modules with blocks, generated from the declarations: `python -m graph.stubs mylab/blocks.py`.
+"""Type stubs of modules with blocks, generated from the declarations: `python -m runtime stubs mylab/blocks.py`.
 
 A stub (`.pyi`) gives each block class a constructor with its parameters, a call with its inputs, and its outputs as
-attributes, so that editors complete them and type checkers report a misspelt one. Other functions and classes keep
-their signatures. Classes whose parameters make ports accept any input, or have any output.
+attributes, so that editors complete them and type checkers report a misspelt one. Docstrings have the unit and the
+description of each. Other functions and classes keep their signatures. Classes whose parameters make ports accept any
+input, or have any output.
 """
 
 from __future__ import annotations
 
 import ast
 import copy
+import errno
 import importlib
 import inspect
 import keyword
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeGuard
@@ -23,7 +25,7 @@ from typing import Any, TypeGuard
 from graph.block import Block, Sink
 from graph.declarations import Declaration, Input, Memory, Output, Param
 
-HEADER = "# Generated from the declarations by `python -m graph.stubs`. Do not edit.\n"
+HEADER = "# Generated from the declarations by `python -m runtime stubs`. Do not edit.\n"
 TYPING = "from typing import Any, Literal, NamedTuple"
 NUMPY = "import numpy as np"
 UNPACK = "from typing_extensions import Unpack"
@@ -136,12 +138,12 @@ def type_of(value: object) -> str:
 
 
 def signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    """Return the source of a function without its body."""
+    """Return the source of a function with its docstring instead of its body."""
     arguments = node.args
     arguments.defaults = [short(each) for each in arguments.defaults]
     arguments.kw_defaults = [each and short(each) for each in arguments.kw_defaults]
     head = copy.copy(node)
-    head.body = [ast.Expr(ast.Constant(...))]
+    head.body = [ast.Expr(ast.Constant(ast.get_docstring(node) or ...))]
     return ast.unparse(ast.fix_missing_locations(head)).replace(":\n    ...", ": ...")
 
 
@@ -175,7 +177,7 @@ def plain_class(kind: Any, node: ast.ClassDef) -> list[str]:
         for each in node.body
         if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
     }
-    lines = [*map("@{}".format, map(ast.unparse, node.decorator_list)), heading(node)]
+    lines = [*map("@{}".format, map(ast.unparse, node.decorator_list)), heading(node), *docstring(node)]
     properties = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
     for name in attributes(node):
         if name in annotated:
@@ -192,6 +194,17 @@ def heading(node: ast.ClassDef) -> str:
     return f"class {node.name}({bases}):" if bases else f"class {node.name}:"
 
 
+def docstring(node: ast.ClassDef, indent: str = "    ") -> list[str]:
+    """Return the docstring of a class as a list of one text, empty without one."""
+    return quoted(ast.get_docstring(node) or "", indent)
+
+
+def quoted(text: str, indent: str) -> list[str]:
+    """Return a text as a docstring, in a list; an empty list for an empty text."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return [textwrap.indent(f'"""{escaped}"""', indent)] if text else []
+
+
 def closed(lines: list[str]) -> list[str]:
     """Return the lines of a class, with `...` for an empty body."""
     if lines[-1].endswith(":") and not lines[-1].startswith(" "):
@@ -201,10 +214,10 @@ def closed(lines: list[str]) -> list[str]:
 
 def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
     """Return the lines of a block class."""
-    lines = [heading(node)]
+    lines = [heading(node), *docstring(node)]
     names = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
     for name, declaration in declarations(kind):
-        lines.append(f"    {name}: {declared(declaration)}")
+        lines += [f"    {name}: {declared(declaration)}", *quoted(meaning(declaration), "    ")]
     inherited = {
         name
         for base in kind.__mro__[1:]
@@ -217,7 +230,7 @@ def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
     if not vars(kind).get("abstract"):
         base = next(each for each in kind.__mro__[1:] if issubclass(each, Block))
         if "__init__" not in names:
-            lines.append(function("__init__", constructor(kind), "None"))
+            lines.append(function("__init__", constructor(kind), "None", meanings(kind.parameters)))
         if "__call__" not in names and (vars(base).get("abstract", base is Block) or call(base) != call(kind)):
             lines += call(kind)
     return closed([*lines, *methods(node, vars(Block))])
@@ -283,7 +296,9 @@ def call(kind: type[Block]) -> list[str]:
     elif len(kind.outputs) == 1 or named != set(kind.outputs):
         result = "Signal" if len(kind.outputs) == 1 else "Any"
     else:
-        lines += ["    class Outputs(NamedTuple):", *(f"        {name}: Signal{hidden(name)}" for name in kind.outputs)]
+        lines.append("    class Outputs(NamedTuple):")
+        for name, output in kind.outputs.items():
+            lines += [f"        {name}: Signal{hidden(name)}", *quoted(meaning(output), "        ")]
         result = "Outputs"
     if inputs or issubclass(kind, Sink):
         arguments = ["*signals: Operand", "**named: Operand"]
@@ -291,7 +306,23 @@ def call(kind: type[Block]) -> list[str]:
         arguments = ["*signals: Operand"]
     else:
         arguments = [f"{name}: Operand = ..." for name in kind.inputs]
-    return [*lines, function("__call__", arguments, result)]
+    return [*lines, function("__call__", arguments, result, meanings(kind.inputs))]
+
+
+def meaning(declaration: Param[Any] | Input | Output | Memory) -> str:
+    """Return the description of a declaration, with its unit and bounds: "stiffness, N·m/rad, 0 to 150"."""
+    parts = [declaration.description]
+    if not isinstance(declaration, Memory):
+        parts.append("" if declaration.unit == "1" else declaration.unit)
+    if isinstance(declaration, Param) and declaration.dtype in (int, float):
+        bounds = {"at least": declaration.min, "at most": declaration.max}
+        parts += [f"{words} {bound:g}" for words, bound in bounds.items() if bound is not None]
+    return ", ".join(filter(None, parts))
+
+
+def meanings(declarations: Mapping[str, Param[Any] | Input]) -> str:
+    """Return the descriptions of parameters or inputs, one on a line."""
+    return "\n".join(f"{name} : {meaning(each)}" for name, each in declarations.items())
 
 
 def hidden(name: str) -> str:
@@ -335,34 +366,55 @@ def names_only(value: ast.AST | None, target: ast.AST | None, kind: type[Block],
     return False
 
 
-def function(name: str, arguments: list[str], result: str) -> str:
-    """Return the lines of a method of a stub, one if it fits."""
-    line = f"    def {name}({', '.join(['self', *arguments])}) -> {result}: ..."
-    if len(line) <= WIDTH:
-        return line
-    return "\n".join(
-        [f"    def {name}(", *(f"        {each}," for each in ["self", *arguments]), f"    ) -> {result}: ..."]
-    )
+def function(name: str, arguments: list[str], result: str, text: str) -> str:
+    """Return the lines of a method of a stub, its head in one if it fits. text : its docstring"""
+    body = "\n".join(["", *quoted(text, "        ")]) if text else " ..."
+    line = f"    def {name}({', '.join(['self', *arguments])}) -> {result}:"
+    if len(line) > WIDTH - len(" ..."):
+        line = "\n".join(
+            [f"    def {name}(", *(f"        {each}," for each in ["self", *arguments]), f"    ) -> {result}:"]
+        )
+    return line + body
 
 
-def modules(paths: Iterable[str]) -> Iterator[tuple[str, Path]]:
-    """Yield (dotted name, path) of Python files and of those in folders, below the current folder."""
-    for path in map(Path, paths):
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            if file.name != "__init__.py":
-                yield ".".join(file.with_suffix("").parts), file
+def files(path: Path) -> list[Path]:
+    """Return the Python files of a folder, or the one file, except the `__init__.py` of packages."""
+    found = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    return [file for file in found if file.name != "__init__.py"]
 
 
-def main(paths: Iterable[str]) -> None:
-    """Write the stubs of files and folders beside the modules, and remove those of modules without blocks."""
-    sys.path.insert(0, "")
-    for name, path in modules(paths):
-        module, target = importlib.import_module(name), path.with_suffix(".pyi")
+def imported(file: Path) -> ModuleType:
+    """Import a file under its full name: that of its package, if its folder is one."""
+    folder, names = file.absolute().parent, [file.stem]
+    while (folder / "__init__.py").exists():
+        folder, names = folder.parent, [folder.name, *names]
+    sys.path.insert(0, str(folder))
+    try:
+        return importlib.import_module(".".join(names))
+    finally:
+        sys.path.remove(str(folder))
+
+
+def write(path: Path) -> list[Path]:
+    """Write the stubs of a file or of those in a folder beside them, and remove those of modules without blocks.
+
+    Returns the paths of the stubs. Raises FileExistsError for a stub that was not generated.
+    """
+    written: list[Path] = []
+    for file in files(path):
+        module, target = imported(file), file.with_suffix(".pyi")
+        if target.exists() and not target.read_text().startswith(HEADER[:26]):
+            raise FileExistsError(
+                errno.EEXIST, "a stub that was not generated: rename it, or add to it by hand", str(target)
+            )
         if has_blocks(module):
             target.write_text(stub(module))
-        elif target.exists() and target.read_text().startswith(HEADER):
+            written.append(target)
+        elif target.exists():
             target.unlink()
+    return written
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    for each in sys.argv[1:]:
+        write(Path(each))

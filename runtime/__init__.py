@@ -44,6 +44,12 @@ class _CheckedImports:
 with _CheckedImports():
     from runtime.host.interrupts import interruptible
 
+__all__ = ["check", "connect", "load", "optimise", "run", "simulate", "study"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 @overload
 def load(path: str | os.PathLike[str]) -> Trial | Any: ...  # Any: the Trials of a pattern

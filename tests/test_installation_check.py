@@ -291,7 +291,8 @@ def test_a_distribution_that_has_replaced_a_package_is_named(tmp_path):
     (folder / "RECORD").write_text("graph/__init__.py,,\n")
     process = python(*RUN, "check", "knee.py", cwd=tmp_path, path=site)
     assert_one_line(process, "the package graph has replaced files of Tickwork's `graph`")
-    assert "run `pip uninstall graph`, then" in process.stderr
+    cure = "run `pip uninstall -y graph && pip install --force-reinstall --no-deps tickwork`"
+    assert cure in process.stderr
 
 
 def damage(cache, data, changed):

@@ -34,6 +34,7 @@ GROUPS = {
         "check": "compile a diagram and report ports, schedule, proofs and buses",
         "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
         "blocks": "list the installed blocks, or describe one",
+        "stubs": "write type stubs of your own blocks, for editors",
         "view": "open recordings in the browser, with marks, faults and strides",
         "plot": "plot signals of a recording, over time or over the gait cycle",
         "diff": "compare two recordings: a table and a picture",

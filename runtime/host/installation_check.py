@@ -197,12 +197,13 @@ def explain(error: ImportError) -> str:
         others = _others_of(culprit)
         if not others:
             raise error
-        return "the package %s has replaced files of Tickwork's `%s` in %s: run `pip uninstall %s`, then %s" % (
+        again = "make run" if _is_clone() else "pip install --force-reinstall --no-deps tickwork"
+        return "the package %s has replaced files of Tickwork's `%s` in %s: run `pip uninstall -y %s && %s`" % (
             others[0],
             culprit,
             HERE / culprit,
             others[0],
-            _remedy(),
+            again,
         )
     cause = error  # NumPy replaces an error by advice
     while cause.__cause__ is not None:

@@ -2,16 +2,20 @@
 
 import functools
 import math
+import re
 
 import numpy as np
 import pytest
 
+import runtime
 from blocks.controllers import Impedance
 from blocks.filters import Butterworth
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from graph import Block, Diagram, DiagramError, Input, Memory, Output, Param, deg
+from graph.block import _WORDS
 from graph.names import snake_case
+from tests.checkout import ROOT
 from tests.graph.complaints import complaints, here, refusal
 
 
@@ -194,8 +198,33 @@ def test_a_misspelt_port_is_missed_as_python_misses_it_and_no_attribute_of_a_blo
 @pytest.mark.parametrize("word", ["path", "width", "dt", "kernel", "inputs", "name", "every", "reset", "diagram"])
 def test_a_reserved_word_cannot_name_a_port_or_parameter(word):
     for declaration in (Param(1.0), Input("1"), Output("1"), Memory(0.0)):
-        with pytest.raises(TypeError, match=f"Taken: '{word}' is reserved"):
+        with pytest.raises(TypeError, match=f"Taken: '{word}' is reserved .* {word}"):
             type("Taken", (Block,), {word: declaration})
+
+
+def test_the_page_lists_the_reserved_words():
+    page = (ROOT / "docs" / "how_to" / "blocks.md").read_text()
+    listed = page.partition("These names are reserved: ")[2].partition(".")[0]
+    assert re.findall(r"`(\w+)`", listed) == sorted(_WORDS)
+
+
+def test_completion_offers_ports_and_parameters_and_no_internals():
+    class Spring(Block):
+        angle, torque = Input("rad"), Output("N·m")
+        stiffness = Param(3.0)
+        memory_of_steps = Memory(0.0)
+
+        def step(self, angle):
+            return -self.stiffness * angle
+
+        def energy(self, angle):
+            return self.stiffness * angle**2 / 2
+
+    completed = ["dt", "path", "reset", "set", "step", "update"]
+    assert dir(Spring()) == sorted(["angle", "energy", "memory_of_steps", "stiffness", "torque", *completed])
+    declared = [name for kind in ("inputs", "outputs", "parameters") for name in getattr(Impedance, kind)]
+    assert dir(Impedance()) == sorted([*declared, *completed])
+    assert dir(runtime) == ["check", "connect", "load", "optimise", "run", "simulate", "study"]
 
 
 def test_a_step_with_any_number_of_inputs_receives_them_in_order():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import graph
 from graph.diagnostics import CODES, Diagnostic, DiagramError, Location
+from tests.checkout import python
 
 
 def test_a_diagnostic_prints_one_line_and_its_remedy():
@@ -31,6 +32,24 @@ def test_an_error_carries_and_prints_all_of_them():
     error = DiagramError([first, second])
     assert error.diagnostics == [first, second] and str(error) == f"{first}\n{second}"
     assert DiagramError(first).diagnostics == [first]
+
+
+def test_a_script_and_a_notebook_show_an_error_without_traceback_and_any_other_as_python_does(tmp_path):
+    wrong = "from graph import Diagram, Sink\nwith Diagram('robot', rate=200):\n    Sink(name='log', evry=2)\n"
+    (tmp_path / "robot.py").write_text(wrong)
+    (tmp_path / "other.py").write_text("try:\n    import robot\nexcept ValueError:\n    pass\n")
+    place = f"{tmp_path / 'robot.py'}:3"
+    for file in ("robot.py", "other.py"):
+        process = python(file, cwd=tmp_path)
+        lines = f"{place}: error TW010 wrong parameter: Sink: has no parameter 'evry'\n    it has none\n"
+        assert (process.returncode, process.stderr) == (1, lines)
+    caught = "import sys\nexec(open('robot.py').read().replace('log', 'a/b'))"
+    assert python("-c", caught, cwd=tmp_path).stderr.startswith("<string>:3: error TW")
+    after = "try:\n    import robot\nexcept Exception as error:\n    print(error._render_traceback_())\n1 / 0\n"
+    (tmp_path / "after.py").write_text(after)
+    process = python("after.py", cwd=tmp_path)
+    assert process.stdout == f"{lines.splitlines()}\n" and process.stderr.startswith("Traceback")
+    assert process.stderr.endswith("ZeroDivisionError: division by zero\n")
 
 
 def test_every_code_is_used_and_every_use_is_a_code():

@@ -1,5 +1,7 @@
 """A robot whose author makes mistakes: type checkers report the lines that end in `# wrong`, and no other."""
 
+from user_blocks import Elastic
+
 from blocks.actuators import CubeMars
 from blocks.controllers import GaitPhase, Impedance
 from blocks.filters import Butterworth
@@ -48,6 +50,10 @@ with Diagram("robot", rate=200) as diagram:
     TorqueLimiter()(total)  # wrong: limit is required
     phase, walking = GaitPhase()(knee.position, knee.velocity)  # wrong: four outputs
     GaitPhase()(knee.position, knee.velocity).phse  # wrong: misspelt output of a result
+    elastic = Elastic(stiffness=3.0)
+    Elastic(stifness=3.0)  # wrong: misspelt parameter of an own block
+    elastic(knee.positoin)  # wrong: misspelt output
+    elastic(angel=knee.position).to("N·m")  # wrong: misspelt input of an own block
     spring = Spring(stiffness=3.0)
     spring(knee.position.to("deg"))
     machine = StateMachine(gives={"level": "1"}, states={"rest": {"level": 1.0}})
