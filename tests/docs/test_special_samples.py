@@ -180,7 +180,7 @@ def test_the_optimisation_from_python_has_an_optimum(study, monkeypatch):
     for long, short in (("duration=20", "duration=10"), ("[1, 2, 3]", "[1]"), ("output=", "generations=1, output=")):
         call = call.replace(long, short)
     exec(call, names)
-    assert set(names["result"].optimum) == {"assistance", "peak_time", "push_off.rise"}
+    assert set(names["result"].optimum) == {"peak_torque", "peak_time", "push_off.rise"}
     for use in uses:
         exec(use.replace("run(324)", "run(1)"), names)
 
