@@ -97,10 +97,12 @@ def write(folder):
     return file, spans
 
 
-def measure(robot, file, spans):
+def measure(robot, file, spans, settings=()):
     """Return {motion: (s with torque, s from its begin to the last, J given to the wearer, J taken)} of a robot."""
     end = max(end for _, end in spans.values())
-    trial = runtime.run(path(robot), end, settings={"gait" if robot == "knee_exo" else "recording": str(file)})
+    trial = runtime.run(
+        path(robot), end, settings={"gait" if robot == "knee_exo" else "recording": str(file), **dict(settings)}
+    )
     assert trial.fault is None, (robot, trial.fault)
     drives = [name.removesuffix(".torque_sent") for name in trial.signals if name.endswith(".torque_sent")]
     dt = trial.time[1] - trial.time[0]

@@ -18,6 +18,7 @@ CLAIMS = {
     "knee_exo_gatech": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
     "m_blue": {"hip": [(0.07, 0.37), (0.59, 0.79)], "knee": [(0.17, 0.33), (0.49, 0.69)]},
 }
+IN_MOTION = {"m_blue": {"controller": "phase"}}
 SUITS = {"sensor_suit": ("knee", "ankle"), "sensor_suit_lite": ("hip", "knee")}
 ROBOTS = (*CLAIMS, *SUITS)
 

@@ -17,6 +17,7 @@ PLACED = {
     "hip_exo_2dof": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "converter": "resistors"},
     "hip_knee_exo": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
     "knee_exo_gatech": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "insole": "insoles"},
+    "m_blue": {"thigh_imu": THIGHS, "insole": "insoles"},
     "ankle_exo": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
 }
 # Each kind of sensor, and each kind of reference; the rest is soak.
@@ -25,6 +26,7 @@ QUICK = {
     ("hip_knee_exo", "shank_imu"),
     ("hip_exo_2dof", "converter"),
     ("ankle_exo", "insole"),
+    ("m_blue", "insole"),
 }
 PAIRS = [
     pytest.param(robot, device, name, marks=() if (robot, device) in QUICK else pytest.mark.soak)

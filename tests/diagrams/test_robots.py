@@ -21,8 +21,8 @@ from graph import Actuator, Device, Diagram, compile
 from runtime.host.errors import OK
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
-from tests.diagrams import gallery, motions, pages
-from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
+from tests.diagrams import energy, gallery, motions, pages
+from tests.diagrams.robots import CLAIMS, IN_MOTION, ROBOTS, SUITS, path
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
 from tests.shared import shared
@@ -59,7 +59,9 @@ def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monk
 def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_with_walking(robot, walker):
     mass, speed = walker
     schedule = f"0:0 0.5:0 2:{speed} 16:{speed} 17:0"
-    trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": schedule, "seed": mass})
+    trial = runtime.run(
+        path(robot), 18.0, settings={"mass": mass, "speed": schedule, "seed": mass, **IN_MOTION.get(robot, {})}
+    )
     assert trial.fault is None
     steady, standing = (trial.time > 10.0) & (trial.time < 16.0), trial.time > 17.4
     names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "gait_phase.y")]
@@ -76,8 +78,11 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_wit
 @pytest.mark.parametrize("robot", CLAIMS)
 def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
     """Of two recorded adults; the networks were trained on neither."""
-    walk = runtime.run(path(robot), 11.0, settings={"recording": str(shared("gait/healthy_young.csv"))})
-    squats = runtime.run(path(robot), 8.0, settings={"recording": str(shared("gait/series_squat_opencap.csv"))})
+    chosen = IN_MOTION.get(robot, {})
+    walk = runtime.run(path(robot), 11.0, settings={"recording": str(shared("gait/healthy_young.csv")), **chosen})
+    squats = runtime.run(
+        path(robot), 8.0, settings={"recording": str(shared("gait/series_squat_opencap.csv")), **chosen}
+    )
     assert walk.fault is None and squats.fault is None
     for drive in [name for name in walk.signals if name.endswith(".torque_sent")]:
         device = drive.removesuffix(".torque_sent")
@@ -106,11 +111,36 @@ DIRECTIONS = ("hip_exo_bilateral", "hip_exo_metamobility", "hip_knee_exo", "m_bl
     ],
 )
 def test_only_walking_forward_is_assisted(robot, other_motions):
-    for motion, (time, _, given, taken) in motions.measure(robot, *other_motions).items():
+    for motion, (time, _, given, taken) in motions.measure(robot, *other_motions, IN_MOTION.get(robot, {})).items():
         if motion in ("stumbling", "walking forward, 0.8 m/s"):
             assert time > 0.5 and given > 10.0 * taken, motion
         else:
             assert time < 0.3 and taken < 0.3, motion  # s, J
+
+
+def test_energy_of_m_blue_agrees_with_the_muscles_and_gives_back_what_it_takes(other_motions):
+    """Its weights are those of the fit, and so of a potential: a motion under constant load does no work."""
+    m_blue = load(path("m_blue"))[0].module
+    assert np.abs(energy.fit() - (m_blue.STANCE, m_blue.SWING)).max() < 0.01
+    for mass, speed in WALKERS:
+        settings = {"mass": mass, "speed": speed, "seed": mass}
+        trial = runtime.run(path("m_blue"), 14.0, settings=settings, plant_signals="walker.*_torque")
+        assert trial.fault is None
+        for joint, agreement in (("hip", 0.8), ("knee", 0.65)):
+            robot, muscles = trial[f"left/{joint}.torque"], trial[f"plant/walker.left_{joint}_torque"]
+            steady = trial.time > 8.0
+            assert similarity(robot[steady], muscles[steady]) > agreement, (joint, speed)
+            assert np.abs(robot[trial.time < 3.0]).max() < CODE_OF_TORQUE  # before the wearer has walked
+    rows = motions.measure("m_blue", *other_motions)
+    for motion, (time, _, given, taken) in rows.items():
+        assert time > 4.0 and (motion == "hopping" or abs(given - taken) < 2.0 * time), motion  # W, of four drives
+    assert rows["hopping"][0] < 4.5  # s of 6: in flight no torque acts
+    assert abs(given - taken) < 0.05 * given, "sitting down, standing up"
+
+
+def similarity(a, b):
+    """Return the cosine of the angle between two arrays."""
+    return a @ b / np.sqrt((a @ a) * (b @ b))
 
 
 @pytest.mark.parametrize("robot", CLAIMS)
