@@ -86,10 +86,11 @@ class GaitPhase(Block):
     """Gait phase from the knee angle: phase = event_phase + elapsed / mean stride time, modulo 1.
 
     Principle: 1. an event is the angle rising through `threshold` (near toe-off) after it was below half of it; 2. the
-    time between two events is a stride if it is between `shortest` and `longest`, and enters a running mean; otherwise
-    the estimate restarts; 3. `elapsed` is the time since the last event; 4. `walking` is true from the third event
-    until one and a half strides pass without an event. Direct feedthrough. NaN or infinity in the angle or its velocity
-    gives a NaN phase and is not stored.
+    time between two events is a stride if it is between `shortest` and `longest`, and enters a running mean; 3.
+    `elapsed` is the time since the last event; 4. `walking` is true from the third event until one and a half strides
+    pass without an event; 5. after a stop the mean stride time is kept: `walking` is true again when the knee has
+    extended after a swing that lasted as usual within 40 %, or after one stride that differs from the mean by less than
+    a quarter. Direct feedthrough. NaN or infinity in the angle or its velocity gives a NaN phase and is not stored.
     """
 
     rules = ("shortest < longest",)
@@ -107,8 +108,9 @@ class GaitPhase(Block):
     strides = Output("1", "number of events since the start, one per stride", dtype=int)
     elapsed = Memory(math.inf, "time in s since the last event")
     armed = Memory(0.0, "1 if the knee has been extended since")
-    mean = Memory(0.0, "mean stride time")
-    valid = Memory(0.0, "number of consecutive accepted strides")
+    mean = Memory(0.0, "mean stride time, also of the last walk")
+    valid = Memory(0.0, "number of consecutive accepted strides, up to 2")
+    swing = Memory(0.0, "usual time from an event to the extended knee, 0 while unknown")
     events = Memory(0.0, "number of events since the start")
 
     kernel = kernels.gait_phase

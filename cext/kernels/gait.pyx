@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Gait phase and assistance profiles."""
 
-from libc.math cimport INFINITY, NAN, floor
+from libc.math cimport INFINITY, NAN, fabs, floor
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -10,7 +10,10 @@ from cext.kernels.limits cimport is_finite
 
 cdef struct GaitPhase:
     int32_t angle, velocity, phase, walking, stride_time, strides, threshold, event_phase, shortest, longest
-    int32_t elapsed, armed, mean, valid, events
+    int32_t elapsed, armed, mean, valid, events, swing
+
+cdef double AGREEMENT = 0.25            # of the last cadence, within which a stride after a stop continues it
+cdef double SWING_AGREEMENT = 0.4       # of the usual swing, within which a swing after a stop continues the walk
 
 GAIT_PHASE = items((<GaitPhase *>ITEMS)[0])
 
@@ -25,25 +28,35 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
     cdef double *mean = arena + at.mean
     cdef double *valid = arena + at.valid
     cdef double *events = arena + at.events
+    cdef double *swing = arena + at.swing
     cdef bint missing = not (is_finite(angle) and is_finite(velocity))
     cdef double phase
     if missing:
         angle = velocity = NAN          # crosses no threshold
     elapsed[0] += arena[DT]
-    if angle < 0.5 * threshold:
+    if angle < 0.5 * threshold and armed[0] == 0.0:
+        # 1. The knee is extended again. The first swing after a stop continues the walk if it lasted as usual.
         armed[0] = 1.0
+        if valid[0] >= 2.0:
+            swing[0] += (elapsed[0] - swing[0]) / (3.0 if swing[0] > 0.0 else 1.0)
+        elif swing[0] > 0.0 and valid[0] == 0.0 and fabs(elapsed[0] - swing[0]) < SWING_AGREEMENT * swing[0]:
+            valid[0] = 2.0
     if armed[0] != 0.0 and angle > threshold and velocity > 0.0:
-        # 1. The swinging knee crosses the threshold: one stride since the last crossing, if its duration is plausible.
+        # 2. The swinging knee crosses the threshold: one stride since the last crossing, if its duration is plausible.
         armed[0] = 0.0
-        if elapsed[0] >= arena[at.shortest] and elapsed[0] <= longest:
-            mean[0] = elapsed[0] if valid[0] == 0.0 else mean[0] + (elapsed[0] - mean[0]) / 3.0
-            valid[0] += 1.0
-        else:
+        if elapsed[0] < arena[at.shortest] or elapsed[0] > longest:
             valid[0] = 0.0
+        elif valid[0] == 0.0 and (swing[0] == 0.0 or fabs(elapsed[0] - mean[0]) > AGREEMENT * mean[0]):
+            mean[0] = elapsed[0]
+            valid[0] = 1.0
+            swing[0] = 0.0      # of another cadence
+        else:
+            mean[0] += (elapsed[0] - mean[0]) / 3.0
+            valid[0] = 2.0
         events[0] += 1.0
         elapsed[0] = 0.0
     if elapsed[0] > longest or (valid[0] > 0.0 and elapsed[0] > 1.5 * mean[0]):
-        # 2. The wearer has stopped: the interval from this event to the next is not a stride.
+        # 3. The wearer has stopped: the interval from this event to the next is not a stride.
         valid[0] = 0.0
         elapsed[0] = INFINITY
     arena[at.phase] = NAN if missing else 0.0
@@ -51,7 +64,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
     arena[at.stride_time] = 0.0
     arena[at.strides] = events[0]
     if valid[0] >= 2.0:
-        # 3. Two strides in a row define a cadence.
+        # 4. Two strides in a row define a cadence, which holds beyond a stop.
         arena[at.stride_time] = mean[0]
         if not missing:
             phase = arena[at.event_phase] + elapsed[0] / mean[0]

@@ -29,33 +29,33 @@ class Oracle:
             longest,
             dt,
         )
-        self.tick, self.last, self.extended, self.strides, self.events = 0, None, False, [], 0
+        self.tick, self.last, self.extended, self.events = 0, None, False, 0
+        self.mean, self.swing, self.count = 0.0, None, 0  # of strides; the usual swing, once two strides agree
 
     def step(self, angle, velocity):
         self.tick += 1
         now = self.tick * self.dt
-        if angle < 0.5 * self.threshold:
+        since = math.inf if self.last is None else now - self.last
+        if angle < 0.5 * self.threshold and not self.extended:
             self.extended = True
+            if self.count == 2:
+                self.swing = since if self.swing is None else self.swing + (since - self.swing) / 3.0
+            elif self.count == 0 and self.swing is not None and abs(since - self.swing) < 0.4 * self.swing:
+                self.count = 2
         if self.extended and angle > self.threshold and velocity > 0.0:
             self.extended = False
-            stride = None if self.last is None else now - self.last
-            believed = stride is not None and self.shortest - 1e-9 <= stride <= self.longest + 1e-9
-            self.strides = self.strides + [stride] if believed else []
-            self.events, self.last = self.events + 1, now
-        mean = self.mean()
-        if self.last is not None and (
-            now - self.last > self.longest + 1e-9 or (self.strides and now - self.last > 1.5 * mean + 1e-9)
-        ):
-            self.last, self.strides = None, []
-        known = len(self.strides) >= 2
-        phase = (self.event_phase + (now - self.last) / mean) % 1.0 if known else 0.0
-        return phase, known, mean if known else 0.0, self.events
-
-    def mean(self):
-        mean = None
-        for stride in self.strides:
-            mean = stride if mean is None else mean + (stride - mean) / 3.0
-        return mean
+            if not self.shortest - 1e-9 <= since <= self.longest + 1e-9:
+                self.count = 0
+            elif self.count or (self.swing is not None and abs(since - self.mean) <= 0.25 * self.mean):
+                self.mean, self.count = self.mean + (since - self.mean) / 3.0, 2
+            else:
+                self.mean, self.count, self.swing = since, 1, None
+            self.events, self.last, since = self.events + 1, now, 0.0
+        if since > self.longest + 1e-9 or (self.count and since > 1.5 * self.mean + 1e-9):
+            self.last, self.count = None, 0
+        known = self.count == 2
+        phase = (self.event_phase + since / self.mean) % 1.0 if known else 0.0
+        return phase, known, self.mean if known else 0.0, self.events
 
 
 def walk(seconds, stride_time=1.1, start=0.0):
@@ -130,19 +130,33 @@ def test_phase_equals_that_of_the_walking_model(stride_time):
     assert found["strides"][-1] == pytest.approx(12.0 / stride_time, abs=1.0)
 
 
-def test_gait_phase_restarts_one_and_a_half_strides_after_the_last_event():
-    """Standing for 2 s is no stride of 2 s: the phase is right again from the third event of the new walk on."""
+def test_gait_phase_ends_one_and_a_half_strides_after_the_last_event_and_resumes_with_the_first_swing():
+    """Standing for 2 s is no stride of 2 s: the phase of the new walk is right before its first strike."""
     going, standing = walk(6.0), (np.full(400, 0.05), np.zeros(400))
     found = estimate(*(np.concatenate([going[i], standing[i], going[i]]) for i in (0, 1)))
     events = np.flatnonzero(np.diff(found["strides"], prepend=0.0))
     last = events[events < len(going[0])][-1]
     stopped = np.flatnonzero(np.diff(found["walking"]) < 0.0)[0] + 1
     assert abs((stopped - last) / RATE - 1.5 * 1.1) <= 2.0 / RATE
-    after = events[events > stopped]
+    begin = len(going[0]) + 400
     resumed = stopped + np.argmax(found["walking"][stopped:])
-    assert resumed == after[2]
+    assert events[events > begin][0] < resumed < begin + 1.1 * RATE
     phase = (np.arange(len(going[0])) / RATE / 1.1) % 1.0
-    assert np.abs(unlike(found["phase"][resumed:], phase[resumed - len(going[0]) - 400 :])).max() < 0.015
+    assert np.abs(unlike(found["phase"][resumed:], phase[resumed - begin :])).max() < 0.02
+
+
+@pytest.mark.parametrize("bent_time, stride_time, start, strides", [(0.5, 1.1, 0.3, 1), (2.0, 1.6, 0.0, 3)])
+def test_after_a_bend_of_the_knee_one_stride_of_the_last_cadence_or_two_of_another_continue_the_walk(
+    bent_time, stride_time, start, strides
+):
+    going, other = walk(6.0), walk(8.0, stride_time, start)
+    time = np.arange(0.0, 2.5 + bent_time, 1.0 / RATE)
+    bent = np.interp(time, np.cumsum((0.0, 2.0, 0.25, bent_time, 0.25)), (0.05, 0.05, 1.2, 1.2, 0.05))
+    found = estimate(*(np.concatenate(pieces) for pieces in zip(going, (bent, np.gradient(bent, 1.0 / RATE)), other)))
+    bend = int(8.0 * RATE)
+    events = np.flatnonzero(np.diff(found["strides"], prepend=0.0))
+    events = events[events > bend]
+    assert np.argmax(found["walking"][bend:]) + bend == events[strides] and not found["walking"][bend]
 
 
 def test_bending_the_knee_while_sitting_does_not_count_as_walking():
