@@ -26,16 +26,22 @@ if TYPE_CHECKING:
 class TransferFunction(Block):
     """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z or s.
 
-    In the domain s, Tustin's bilinear transform discretises it. Coefficients are in decreasing powers, as in
-    scipy.signal.TransferFunction; leading zeros may be omitted. Direct feedthrough if numerator and denominator in z
-    have the same degree; otherwise none, and the block may close a loop. Starts at zero; after arming it starts in
-    steady state for the present input, if such a state exists. NaN persists until the next reset. For high orders use a
-    BiquadCascade, which is less sensitive to rounding.
+    Coefficients are in decreasing powers, as in scipy.signal.TransferFunction; leading zeros may be omitted. In the
+    domain s, `zoh` is exact for an input that is constant between ticks, and `tustin` is the bilinear transform. Direct
+    feedthrough if numerator and denominator have the same degree, or with `tustin`; otherwise none, and the block may
+    close a loop. Starts at zero; after arming it starts in steady state for the present input, if such a state exists.
+    NaN persists until the next reset. For high orders use a BiquadCascade, which is less sensitive to rounding.
     """
 
     numerator = Param((1.0,), "1", "numerator coefficients b, in decreasing powers", dtype=tuple)
     denominator = Param((1.0,), "1", "denominator coefficients a, in decreasing powers", dtype=tuple)
     domain = Param("z", "1", "domain of the coefficients: z (discrete) or s (continuous)", choices=("z", "s"))
+    method = Param(
+        "auto",
+        "1",
+        "discretisation in the domain s; auto: zoh if the degree of the numerator is lower, otherwise tustin",
+        choices=("auto", "zoh", "tustin"),
+    )
     unit = Param("1", "1", "unit of the gain; the output unit is its product with the input unit")
 
     u = Input("any", "input", shape=...)
@@ -61,8 +67,9 @@ class TransferFunction(Block):
                 f"{len(self.denominator) - 1}. The system would not be causal"
             )
         self.unit = canonical(self.unit)
-        proper = self.domain == "s" or len(self.numerator) == len(self.denominator)
-        self.feedthrough = None if proper else ()
+        same_degree = len(self.numerator) == len(self.denominator)
+        self.bilinear = self.domain == "s" and (self.method == "tustin" or self.method == "auto" and same_degree)
+        self.feedthrough = None if same_degree or self.bilinear else ()
 
     def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
@@ -71,11 +78,18 @@ class TransferFunction(Block):
         """Return (b, a) in powers of 1/z, of equal length, a[0] = 1. dt : s, used in the domain s only"""
         degree = len(self.denominator) - 1
         b, a = (np.concatenate([np.zeros(degree + 1 - len(c)), c]) for c in (self.numerator, self.denominator))
-        if self.domain == "s":
+        if self.bilinear:
             b, a = tustin(b, dt), tustin(a, dt)
             if a[0] == 0.0:
                 raise ValueError(f"denominator: a pole at {2 / dt:g} rad/s cannot be discretised at this rate")
+        elif self.domain == "s":
+            b, a = held_between_ticks(b / a[0], a / a[0], dt)
         return tuple((b / a[0]).tolist()), tuple((a / a[0]).tolist())
+
+    def instability(self) -> tuple[str, str] | None:
+        pole = unstable_pole(np.roots(self.denominator), self.domain)
+        cure = "close a loop around it" if self.domain == "s" else 'pass domain="s" for coefficients in s'
+        return (pole, cure) if pole else None
 
     def prepare(self, dt: float) -> None:
         self.b, self.a = self.design(dt)
@@ -94,7 +108,9 @@ def polynomial(name: str, coefficients: tuple[float, ...]) -> tuple[float, ...]:
     ValueError if they are missing or not finite, or if a denominator is zero.
     """
     try:
-        values = [float(value) for value in coefficients]
+        values = [
+            float(value) for value in ([coefficients] if isinstance(coefficients, (int, float)) else coefficients)
+        ]
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected numbers in decreasing powers, got {coefficients!r}") from None
     if not values or not all(map(math.isfinite, values)):
@@ -104,6 +120,37 @@ def polynomial(name: str, coefficients: tuple[float, ...]) -> tuple[float, ...]:
     if name == "denominator" and values[0] == 0.0:
         raise ValueError("denominator: must not be zero")
     return tuple(values)
+
+
+def held_between_ticks(b: np.ndarray, a: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (b, a) in z of the zero-order-hold discretisation of b(s) / a(s), where a[0] = 1. dt : s
+
+    The states of the companion form are scaled with the mean pole, so that its matrix exponential is well conditioned.
+    """
+    n = len(a) - 1
+    scale = max((abs(c) ** (1.0 / k) for k, c in enumerate(a[1:], 1)), default=0.0) or 1.0  # rad/s
+    powers = scale ** np.arange(1, n + 1)
+    companion = scale * np.vstack([-a[1:] / powers, np.eye(n)[:-1]]) if n else np.zeros((0, 0))
+    A, B = zero_order_hold(companion, scale * np.eye(n, 1), dt)
+    C = (b[1:] - b[0] * a[1:]) / powers
+    poles = np.poly(A) if n else np.ones(1)
+    markov, state = [b[0]], B
+    for _ in range(n):
+        markov.append((C @ state).item())
+        state = A @ state
+    return np.convolve(markov, poles)[: n + 1], poles
+
+
+def unstable_pole(poles: np.ndarray, domain: str) -> str:
+    """Return what is wrong with the least stable of some poles, or "" for poles that rounding may have moved."""
+    found = [complex(pole) for pole in poles]
+    pole = max(found, key=lambda each: each.real if domain == "s" else abs(each), default=0j)
+    excess = pole.real / max(map(abs, found), default=1.0) if domain == "s" and pole else abs(pole) - 1.0
+    if excess <= 1e-4:
+        return ""
+    value = f"{pole.real:.4g}" + f" ± {abs(pole.imag):.4g}j" * (pole.imag != 0.0)
+    where = "in the right half of the plane" if domain == "s" else "outside the unit circle"
+    return f"its pole at {domain} = {value} is {where}: alone, its output grows without bound"
 
 
 def tustin(coefficients: Sequence[float] | np.ndarray, dt: Any) -> np.ndarray:
@@ -160,10 +207,11 @@ class BiquadCascade(Biquads):
 class StateSpace(Block):
     """Linear state-space system: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], x[0] = start.
 
-    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar if m or p is 1, and
-    a vector otherwise. Direct feedthrough if D is not zero; otherwise none, and the block may close a loop. After
-    arming it starts in steady state for the present input, unless `start` is given or the system is unstable. NaN
-    persists until the next reset.
+    In the domain s, the matrices are those of x' = A x + B u, discretised with a zero-order hold: exact for an input
+    that is constant between ticks. Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port
+    is a scalar if m or p is 1, and a vector otherwise. Direct feedthrough if D is not zero; otherwise none, and the
+    block may close a loop. After arming it starts in steady state for the present input, unless `start` is given or the
+    system is unstable. NaN persists until the next reset.
     """
 
     A = Param((), "1", "system matrix A, (n, n)", dtype=tuple, required=True)
@@ -172,6 +220,7 @@ class StateSpace(Block):
     D = Param((), "1", "feedthrough matrix D, (p, m); zero by default", dtype=tuple)
     start = Param((), "1", "initial state, (n,); zero by default", dtype=tuple)
     unit = Param("1", "1", "unit of the gain; the output unit is its product with the input unit")
+    domain = Param("z", "1", "domain of the matrices: z (discrete) or s (continuous)", choices=("z", "s"))
 
     u = Input("any", "input", shape=...)
     y = Output("any", "output", shape=...)
@@ -213,20 +262,39 @@ class StateSpace(Block):
         self.inputs = {"u": Input("any", "input", shape=() if m == 1 else (m,)).named("u")}
         self.outputs = {"y": Output("any", "output", shape=() if p == 1 else (p,)).named("y")}
         self.feedthrough = None if D.any() else ()
-        self.matrix_a, self.matrix_b, self.matrix_c = A.ravel(), B.ravel(), C.ravel()
-        self.matrix_d = D.ravel() if D.any() else ()
-        self.matrices = A, B, C, D, start
+        self.matrix_c, self.matrix_d = C.ravel(), D.ravel() if D.any() else ()
+        self.given = A, B, C, D, start
         self.state, self.following = start, np.zeros(n)
+        self.place(A, B)
+
+    def prepare(self, dt: float) -> None:
+        if self.domain == "s":
+            self.place(*self.design(dt)[:2])
+
+    def design(self, dt: Any) -> tuple[np.ndarray, ...]:
+        """Return (A, B, C, D, start) of one step. dt : s, used in the domain s only"""
+        A, B, *others = self.given
+        return (*(zero_order_hold(A, B, dt) if self.domain == "s" else (A, B)), *others)
+
+    def place(self, A: np.ndarray, B: np.ndarray) -> None:
+        """Set the matrices of a step, and its steady state."""
+        self.matrix_a, self.matrix_b = A.ravel(), B.ravel()
         rest = None if len(self.start) or not stable(A) else state_at_rest(A, B)
-        self.rest = np.zeros(n * m) if rest is None else rest.ravel()
+        self.rest = np.zeros(B.size) if rest is None else rest.ravel()
         self.settle_kernel = None if rest is None else kernels.state_space_at_rest
 
     def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
 
+    def instability(self) -> tuple[str, str] | None:
+        pole = unstable_pole(np.linalg.eigvals(self.given[0]), self.domain)
+        cure = "close a loop around it" if self.domain == "s" else 'pass domain="s" for the matrices of x\' = A x + B u'
+        return (pole, cure) if pole else None
+
     def output_range(self, u: Interval) -> Interval | None:
-        reach = reach_of_state_space(*self.matrices)
-        return EVERYTHING if reach is None else reach.interval([u] * len(self.matrices[1][0]))
+        matrices = design_at(self) if self.domain == "s" else self.given
+        reach = None if matrices is None else reach_of_state_space(*matrices)
+        return EVERYTHING if reach is None else reach.interval([u] * self.given[1].shape[1])
 
 
 def matrix(name: str, rows: tuple[tuple[float, ...], ...]) -> np.ndarray:

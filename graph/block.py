@@ -245,6 +245,10 @@ class Block:
         """
         return self.output_range(**inputs)
 
+    def instability(self) -> tuple[str, str] | None:
+        """Return (the reason why the output grows without bound, the remedy), or None. A compile warns of it."""
+        return None
+
     def fault_text(self, status: int) -> str:
         """Return what a status of the block's own kernel reports, or "". status : at least cext.abi.FIRST_OWN_STATUS"""
         return ""

@@ -150,6 +150,9 @@ def prove_command(compilation: Compilation, block: Actuator, name: str, limit: I
 def prepare(compilation: Compilation) -> None:
     """Set the width and the sampling period of each block, and call its `prepare`."""
     for block in compilation.blocks:
+        unstable = compilation.attempt(block, block.instability)
+        if unstable is not None:
+            compilation.report("TW037", unstable[0], block, hint=unstable[1], severity="warning")
         free = (
             compilation.shapes[block, name]
             for name, port in (block.inputs | block.outputs).items()

@@ -44,6 +44,7 @@ CODES = {
     "TW034": "limit after an integral",
     "TW035": "limit on an assumed number",
     "TW036": "cap that cannot hold",
+    "TW037": "unstable system",
 }
 
 

@@ -55,7 +55,7 @@ def test_a_transfer_function_in_z(numerator, denominator):
 )
 def test_a_transfer_function_in_s_by_tustin(numerator, denominator):
     wanted = response(control.sample_system(control.tf(numerator, denominator), H, "tustin"))
-    assert output(lambda signal: TransferFunction(numerator, denominator, domain="s")(signal)) == pytest.approx(
+    assert output(lambda signal: TransferFunction(numerator, denominator, "s", "tustin")(signal)) == pytest.approx(
         wanted, abs=1e-8
     )
 
@@ -99,7 +99,7 @@ def test_a_closed_loop_of_a_controller_and_a_plant_with_delay():
     """A joint of inertia 0.1 kg·m² and damping 0.5 N·m·s/rad under PI control of its velocity, the measurement one tick
     old.
     """
-    plant = control.sample_system(control.tf(1.0, [0.1, 0.5]), H, "tustin")
+    plant = control.sample_system(control.tf(1.0, [0.1, 0.5]), H, "zoh")
     law = 1.5 + 8.0 * integral()
     wanted = control.forced_response(
         control.feedback(law * plant, control.tf(1.0, [1.0, 0.0], H)), T=np.arange(TICKS) * H, inputs=np.ones(TICKS)

@@ -55,10 +55,54 @@ def test_a_transfer_function_in_z_is_scipys_filter(b, a):
     ],
 )
 def test_a_transfer_function_in_s_equals_scipys_tustin_discretisation(b, a):
-    y = play(lambda: TransferFunction(b, a, "s"), RATE, u=NOISE)["y"]
-    numerator, denominator, _ = signal.cont2discrete((b, a), 1.0 / RATE, "bilinear")
-    wanted = signal.lfilter(numerator[0], denominator, NOISE)
-    assert np.abs(y - wanted).max() < 1e-9 * np.abs(wanted).max()
+    for method, scipys in (("tustin", "bilinear"), ("zoh", "zoh")):
+        y = play(lambda: TransferFunction(b, a, "s", method), RATE, u=NOISE)["y"]
+        numerator, denominator, _ = signal.cont2discrete((b, a), 1.0 / RATE, scipys)
+        wanted = signal.lfilter(numerator[0], denominator, NOISE)
+        assert np.abs(y - wanted).max() < 1e-9 * np.abs(wanted).max()
+    auto = made(TransferFunction, b, a, "s", rate=RATE)
+    assert auto.step_inputs() == ([] if len(b) < len(a) else ["u"])
+    assert auto.design(1 / RATE) == made(
+        TransferFunction, b, a, "s", "zoh" if len(b) < len(a) else "tustin", rate=RATE
+    ).design(1 / RATE)
+
+
+def test_a_continuous_plant_closes_a_loop_and_follows_the_exact_response():
+    """PD around a double integrator: the held input makes the zero-order hold exact, here against SciPy's."""
+    a, b, c = ((0.0, 1.0), (0.0, -2.0)), ((0.0,), (3.0,)), ((1.0, 0.0),)
+    with Diagram("loop", rate=100.0) as diagram:
+        plants = [TransferFunction(3.0, (1.0, 2.0, 0.0), "s"), StateSpace(a, b, c, domain="s")]
+        seen = []
+        for plant in plants:
+            error = Sum("+-")
+            error(1.0, plant(Gain(4.0)(error.y)))
+            seen.append(taker(plant.y, (), 300))
+    schedule = compile(diagram)
+    assert schedule.warnings == []
+    Executor(Program(schedule), 100.0).spin(300)
+    A, B, C, D, _ = signal.cont2discrete((*map(np.array, (a, b, c)), np.zeros((1, 1))), 0.01)
+    wanted = signal.dlsim((A - 4.0 * B @ C, 4.0 * B, C, D, 0.01), np.ones(300))[1][:, 0]
+    for y in seen:
+        assert np.abs(y - wanted).max() < 1e-10
+
+
+@pytest.mark.parametrize(
+    "make, said, cure",
+    [
+        (lambda: TransferFunction(40.0, (1.0, 5.0, 40.0)), "z = -2.5 ± 5.809j is outside", 'pass domain="s"'),
+        (lambda: TransferFunction(1.0, (1.0, -2.0), "s"), "s = 2 is in the right half", "close a loop"),
+        (lambda: StateSpace(((0.0, 1.0), (9.0, 0.0)), ((0.0,), (1.0,)), ((1.0, 0.0),)), "z = 3", 'domain="s"'),
+        (lambda: TransferFunction(1.0, (1.0, -3.0, 3.0, -1.0)), "", ""),
+        (lambda: TransferFunction(1.0, (1.0, 0.0, 9.0), "s"), "", ""),
+        (lambda: StateSpace(((0.0, 1.0), (0.0, 0.0)), ((0.0,), (1.0,)), ((1.0, 0.0),), domain="s"), "", ""),
+    ],
+)
+def test_an_unstable_pole_is_a_warning_with_the_cure_and_an_integrator_is_not(make, said, cure):
+    with Diagram("open", rate=RATE) as diagram:
+        taker(make()(1.0), (), 1)
+    found = [warning for warning in compile(diagram).warnings if warning.code == "TW037"]
+    assert len(found) == bool(said)
+    assert all(said in warning.message and cure in warning.hint for warning in found)
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=5), st.floats(1e-3, 1.0))
@@ -114,6 +158,7 @@ def test_a_state_space_of_one_input_and_one_output_has_scalar_ports():
         (lambda: TransferFunction((0.3, 0.1), (1.0, -0.8)), 2.0),
         (lambda: TransferFunction((0.2,), (1.0, -0.9)), 2.0),
         (lambda: TransferFunction((3.0,), (1.0, 4.0, 3.0), "s"), 1.0),
+        (lambda: StateSpace(((0.0, 1.0), (-3.0, -4.0)), ((0.0,), (3.0,)), ((1.0, 0.0),), domain="s"), 1.0),
         (lambda: TransferFunction((1.0, 0.0), (0.1, 1.0), "s"), 0.0),
         (lambda: StateSpace(((0.9, 0.1), (-0.1, 0.8)), ((0.0,), (0.3,)), ((1.0, 0.0),)), 1.0),
     ],
@@ -222,7 +267,7 @@ def test_inconsistent_parameters_are_refused(make, said):
 
 
 def test_a_pole_that_tustin_cannot_place_is_refused():
-    block = made(TransferFunction, (1.0,), (1.0, -2.0 * RATE), "s", rate=RATE)
+    block = made(TransferFunction, (1.0,), (1.0, -2.0 * RATE), "s", "tustin", rate=RATE)
     with pytest.raises((DiagramError, ValueError), match="a pole at 1000 rad/s cannot be discretised at this rate"):
         block.step(0.0)
 
