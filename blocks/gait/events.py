@@ -100,20 +100,24 @@ class ThighEvents(_Events, Block):
 
 
 class KneeEvents(_Events, Block):
-    """Heel strike from the angle of a knee: `lead` of a stride after its extension in late swing slows down.
+    """Heel strike from the angle of a knee: a learned part of a stride after its extension in late swing slows down.
 
     The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer, even to a
     stiff knee with 0.6 of the range or less. The event is where the angle has fallen by 60 % of that rise and the
-    velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults at 0.6 to 1.9 m/s. The
+    velocity to half of its peak: 4.4 to 8.3 % of a stride before heel strike in recorded adults at 0.6 to 1.9 m/s. The
     extension must reach a rate of 3.5 times its range per stride: that rate is 5 to 10 in walking, and 3.1 for a
     pendulum and in squats. Angle and velocity are medians of three samples.
+
+    At heel strike the deceleration of the extension has ended: within 12 ms in both legs of three recorded adults. The
+    time from the event to that end is learned from the mean velocity of the last ten strides, and used from the third
+    on if it is between 3 and 8.5 % of a stride, else `lead`.
 
     Limits: a knee that flexes in stance by more than 0.6 of its flexion in swing is not followed. On stairs up, strikes
     are late by a third of a stride; with a signal of opposite sign, they are a quarter of a stride early, or missing.
     Direct feedthrough; NaN and infinity pass and are not stored. (terminal swing: Winter 1991)
     """
 
-    lead = Param(0.055, "1", "time from the event to the strike, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.06, "1", "time from the event to the strike until it is learned, in strides", min=0.0, max=0.2)
     smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
 
     angle = Input("rad", "knee flexion")
@@ -121,5 +125,6 @@ class KneeEvents(_Events, Block):
     turns = Memory((1.0, math.nan, 0.0, 0.0, 0.0, 0.0), "direction, extreme, its age, typical and last height")
     extension = Memory((0.0, 0.0, 0.0, 0.0, math.inf), "extension after swing, and time between swings")
     latest = Memory((math.nan,) * 4, "last two angles and velocities")
+    landing = Memory((0.0, 0.0, 22.0) + (0.0,) * 25, "mean velocity after the event, and the time to the strike")
 
     kernel = kernels.knee_events

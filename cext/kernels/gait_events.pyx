@@ -25,6 +25,12 @@ cdef double STANCE_LOAD = 0.4           # load that a contact reaches if the foo
 cdef double JUMP_LOAD = 0.5             # rise of the load within a sample that the next sample must confirm,
 cdef double EXPECTED_SHARE = 0.8        # in this share of a stride after a strike
 cdef double EXTENSION_RATE_LIMIT = 3.5  # smallest rate of the extension after swing, heights per time between swings
+cdef double LANDING_WIDTH = 0.005       # of a stride, between two points of the mean velocity after the extension
+cdef double LEARNED_LANDINGS = 10.0     # strides of that mean,
+cdef double FEWEST_LANDINGS = 3.0       # from which on it determines the lead,
+cdef double LANDING_SHARE = 0.2         # of the largest deceleration, at which a minimum is its end
+cdef double SHORTEST_LEAD = 0.03        # within these limits
+cdef double LONGEST_LEAD = 0.085
 
 
 cdef struct Events:
@@ -309,8 +315,9 @@ cdef struct Knee:
     int32_t velocity, lead
     int32_t extension           # see below
     int32_t latest              # the last two angles and velocities
+    int32_t landing             # see below
 
-KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[5] latest[4]")
+KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[5] latest[4] landing[28]")
 
 cdef enum:
     EXTENDING = 0               # 1 while the knee extends after swing
@@ -319,11 +326,55 @@ cdef enum:
     SINCE_SWING = 3             # s since the last flexion in swing
     SWING_PERIOD = 4            # s between the last two
 
+cdef enum:
+    LANDING_POINTS = 22
+    SLOPE = 3                   # points before and after, of which the difference is the acceleration
+    LANDING_TIME = 0            # s since the event
+    LANDING_STRIDE = 1          # s, stride at the event
+    POINT = 2                   # next one of this stride
+    BEFORE_VELOCITY = 3         # one sample before
+    LANDINGS = 4                # strides of the mean
+    OWN_LEAD = 5                # of this leg, 0 while unknown
+    MEANS = 6                   # mean velocity at each point
+
+
+cdef inline void learn_landing(double *l, double velocity, double dt) noexcept nogil:
+    """Enter the velocity after an event into the mean, and find the end of the deceleration of the extension in it."""
+    cdef double *mean = l + MEANS
+    cdef double width = LANDING_WIDTH * l[LANDING_STRIDE]
+    cdef double value, acceleration
+    cdef double before = INFINITY
+    cdef double largest = 0.0
+    cdef int j
+    if l[POINT] >= LANDING_POINTS:
+        return
+    l[LANDING_TIME] += dt
+    while l[POINT] < LANDING_POINTS and l[POINT] * width <= l[LANDING_TIME]:
+        j = <int>l[POINT]
+        value = velocity - (velocity - l[BEFORE_VELOCITY]) * (l[LANDING_TIME] - j * width) / dt
+        mean[j] += (value - mean[j]) / min(l[LANDINGS] + 1.0, LEARNED_LANDINGS)
+        l[POINT] += 1.0
+    l[BEFORE_VELOCITY] = velocity
+    if l[POINT] < LANDING_POINTS:
+        return
+    l[LANDINGS] += 1.0
+    for j in range(SLOPE, LANDING_POINTS - SLOPE):
+        acceleration = mean[j + SLOPE] - mean[j - SLOPE]
+        largest = max(largest, acceleration)
+        if acceleration <= 0.0 or (acceleration > before and before < LANDING_SHARE * largest):
+            # Where it crosses zero, or at a minimum just above.
+            value = LANDING_WIDTH * (j - acceleration / (acceleration - before) if acceleration < 0.0 else j - 1)
+            if l[LANDINGS] >= FEWEST_LANDINGS and value >= SHORTEST_LEAD and value <= LONGEST_LEAD:
+                l[OWN_LEAD] = value
+            return
+        before = acceleration
+
 
 cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept nogil:
     cdef double *timing = arena + at.events.timing
     cdef double *turns = arena + at.swing.turns
     cdef double *e = arena + at.extension
+    cdef double *landing = arena + at.landing
     cdef double angle = arena[at.swing.angle]
     cdef double velocity = arena[at.velocity]
     if not (is_finite(angle) and is_finite(velocity)):
@@ -343,9 +394,14 @@ cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept 
             e[EXTENDING] = 0.0
             # A leg that swings as a pendulum, and one that rises from a squat, extends as slowly as it flexed.
             if -e[EXTENSION_RATE] * e[SWING_PERIOD] > EXTENSION_RATE_LIMIT * turns[HEIGHT]:
-                timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
+                # Angle and velocity are medians, one sample old.
+                timing[DUE] = (landing[OWN_LEAD] or arena[at.lead]) * timing[STRIDE] - 2.0 * arena[DT]
+                landing[LANDING_TIME] = -arena[DT]
+                landing[LANDING_STRIDE] = timing[STRIDE]
+                landing[POINT] = 0.0
         elif turns[RISING] > 0.0:
             e[EXTENDING] = 0.0          # flexes again before it was straight: no strike
+    learn_landing(landing, velocity, arena[DT])
     return finish(arena, &at.events, False)
 
 

@@ -151,6 +151,32 @@ def test_a_knee_that_flexes_in_stance_half_as_far_as_in_swing_has_one_strike_a_s
     assert len(at) == 16 and at.min() > 120
 
 
+@pytest.mark.parametrize("share", [0.08, 0.12, 0.15])
+def test_the_time_from_the_extension_of_a_knee_to_the_strike_is_learned(share):
+    """The extension decelerates in the last `share` of a stride: the event is in the middle of that."""
+    time = np.arange(0.0, 33.0, 1.0 / RATE)
+    phase = time / 1.1 % 1.0
+    knots = (0.0, 0.02, 0.08, 0.14, 0.3, 0.48, 0.6, 0.7, 1.0 - share)
+    velocity = np.interp(phase, knots, (0.0, -0.3, 3.0, 0.0, -0.9, 0.0, 9.0, 0.0, -7.0))
+    velocity = np.where(phase > knots[-1], -3.5 + 3.5 * np.cos(np.pi * (1.0 - phase) / share), velocity)
+    forward = phase < 0.7
+    velocity = np.where(forward, velocity, velocity * velocity[forward].sum() / -velocity[~forward].sum())
+    noise = np.random.default_rng(0).normal(size=(2, len(time)))
+    outputs = inside(KneeEvents, angle=np.cumsum(velocity) / RATE + 0.01 * noise[0], velocity=velocity + 0.1 * noise[1])
+    assert np.abs(np.mean(late(outputs, np.arange(1.1, 32.0, 1.1), begin=7.0))) < 0.01
+
+
+@pytest.mark.parametrize("side", ["lt", "rt"])
+def test_the_learned_time_is_that_of_a_recorded_adult(side):
+    with open(shared("gait/healthy_young.csv"), newline="") as file:
+        rows = list(csv.DictReader(file))
+    knee = np.radians([float(row[f"knee_flexion_{side}_deg"]) for row in rows])
+    loaded = np.array([float(row[f"contact_{side}"]) for row in rows]) > 500.0
+    strikes = (np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1) / RATE
+    outputs = inside(KneeEvents, angle=knee, velocity=np.gradient(knee, 1.0 / RATE))
+    assert abs(np.mean(late(outputs, strikes[strikes < 49.0], begin=6.0))) < 0.006
+
+
 @pytest.mark.parametrize("name", DETECTORS)
 def test_stepped_by_hand_it_is_the_block_of_a_diagram(name):
     block, inputs = DETECTORS[name]
