@@ -91,6 +91,7 @@ def place(block):
             "heel": (between(points.heel, points.toe, 0.08), (points.heel, points.toe)),
             "forefoot": (between(points.heel, points.toe, 0.72), (points.heel, points.toe)),
         }
+        places["pylon"] = (between(points.knee, points.ankle, 0.6), (points.knee, points.ankle))
         if name == "ankle_cell":
             places["ankle"] = (between(points.knee, points.ankle, 0.3, 8.0), (points.knee, points.ankle))
     else:
@@ -116,13 +117,21 @@ def devices(diagram):
     return [block for block in diagram if isinstance(block, (Device, FSR))]
 
 
-def body(side):
-    """Return the limbs of a side."""
+def body(side, residual=False):
+    """Return the limbs of a side. residual : whether the leg ends above the knee"""
     points, (colour, width) = leg(side), LIMBS[side]
+    limb = line(points.hip, points.knee, points.ankle) + line(points.ankle, points.heel, points.toe, width=8)
+    if residual:
+        limb = line(points.hip, between(points.hip, points.knee, 0.7))
     return (
         f'<g fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round" stroke-linejoin="round">'
-        f"{line(points.hip, points.knee, points.ankle)}{line(points.ankle, points.heel, points.toe, width=8)}</g>"
+        f"{limb}</g>"
     )
+
+
+def prosthetic(worn):
+    """Return the sides on which shank and foot are those of the robot: their shank has a load cell. worn : blocks"""
+    return {place(block)[0] for block in worn if block.path.endswith("/pylon_cell")}
 
 
 def line(*points, width=None, colour=""):
@@ -144,13 +153,16 @@ def trunk():
     )
 
 
-def drawn(block):
-    """Return the symbol of a device at its place. A drive has bars along the segments that it moves, with cuffs."""
+def drawn(block, replaced=()):
+    """Return the symbol of a device at its place. A drive has bars along the segments that it moves, with cuffs.
+
+    replaced : sides with a prosthesis
+    """
     side, (x, y), (start, end) = place(block)
     kind, _ = symbol(block)
     angle = np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])) - 90.0
     if kind == "drive":
-        return bars(block, side) + disc(x, y)
+        return (limb(block, side) if side in replaced else bars(block, side)) + disc(x, y)
     if kind == "insole":
         return (
             f'<g fill="none" stroke-linecap="round">{line(shifted(start), shifted(end), width=3.6, colour=FORCE)}</g>'
@@ -208,6 +220,18 @@ def bars(block, side):
     return f'<g fill="none" stroke="{DRIVE}" stroke-linecap="round" stroke-linejoin="round">{text}</g>'
 
 
+def limb(block, side):
+    """Return the part of a prosthesis that a drive moves: a socket above the knee and the shank, or the foot."""
+    points = leg(side)
+    if block.path.endswith("/knee"):
+        top = between(points.hip, points.knee, 0.45)
+        edges = [across(top, points.hip, points.knee, 9.0), points.knee, across(top, points.hip, points.knee, -9.0)]
+        parts = line(*edges, width=4.0) + line(points.knee, points.ankle, width=6.0)
+    else:
+        parts = line(points.ankle, points.heel, points.toe, width=6.0)
+    return f'<g fill="none" stroke="{DRIVE}" stroke-linecap="round" stroke-linejoin="round">{parts}</g>'
+
+
 def across(point, start, end, distance):
     """Return the point beside a segment, at a distance in px."""
     size = np.hypot(end[0] - start[0], end[1] - start[1])
@@ -244,6 +268,7 @@ def draw(diagram, title, curves):
     worn, first = devices(diagram), HEIGHT / 2 - 0.5 * STEP * (len(curves) - 1) - 0.5 * TALL
     far, near = ([block for block in worn if (place(block)[0] == "right") is right] for right in (True, False))
     frames = sorted(near, key=lambda block: symbol(block)[0] != "drive")
+    replaced = prosthetic(worn)
     names = ", ".join(sorted({f"{symbol(block)[1].split(',')[0]} {block.path}" for block in worn}))
     return "\n".join(
         [
@@ -253,12 +278,12 @@ def draw(diagram, title, curves):
             f'<title id="title">{escape(title)}</title>',
             f'<desc id="desc">A person who walks to the right, with {escape(names)}</desc>',
             f'<path d="M20 {GROUND}H146" stroke="#aab4c0" stroke-width="1.5" stroke-linecap="round"/>',
-            body("right"),
-            f'<g opacity="0.5">{"".join(map(drawn, far))}</g>',
+            body("right", "right" in replaced),
+            f'<g opacity="0.5">{"".join(drawn(block, replaced) for block in far)}</g>',
             computer(),
             trunk(),
-            body("left"),
-            "".join(map(drawn, frames)),
+            body("left", "left" in replaced),
+            "".join(drawn(block, replaced) for block in frames),
             *(sparkline(first + STEP * number, *curve) for number, curve in enumerate(curves)),
             "</svg>\n",
         ]
@@ -282,7 +307,8 @@ def curves_of(columns):
             name, unit = panel.label.removesuffix(")").split(" (")
             if unit == ("N·m" if title else "°"):
                 first = panel.curves[0]
-                curves.append((title if len(columns) > 1 else name, unit, first.mean, first.toe_off))
+                joint = title.replace("dorsiflexion", "torque")  # beside the largest value
+                curves.append((joint if len(columns) > 1 else name, unit, first.mean, first.toe_off))
     return curves
 
 

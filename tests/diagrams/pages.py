@@ -24,7 +24,7 @@ from runtime.robot.loading.draw import draw_file
 from runtime.robot.loading.file import load
 from tests.checkout import ROOT
 from tests.diagrams import gallery, motions
-from tests.diagrams.robots import ROBOTS, SUITS, path
+from tests.diagrams.robots import HEAVIEST, PROSTHESES, ROBOTS, SUITS, path
 
 FOLDER = ROOT / "docs" / "robots"
 MASSES, SPEEDS = (50, 70, 90, 110), (0.8, 1.2, 1.6)  # kg, m/s
@@ -52,7 +52,7 @@ def part(block):
 def work(robot):
     """Return the table of the work per stride of each joint of the left leg, on different walkers."""
     lines = ["| joint | kg |" + "".join(f" {speed} m/s |" for speed in SPEEDS), "|---|--:|" + "--:|" * len(SPEEDS)]
-    for mass in MASSES:
+    for mass in [mass for mass in MASSES if mass <= HEAVIEST.get(robot, mass)]:
         body = {"mass": mass, "height": 1.55 + 0.005 * (mass - 50), "seed": mass}
         walks = [strides(robot, body | {"speed": speed}) for speed in SPEEDS]
         for joints in zip(*walks):
@@ -90,9 +90,10 @@ def run(robot, settings):
 
 def write(robot):
     """Write the page of a robot."""
-    (FOLDER / f"{robot}.md").write_text(
-        head(robot) + ("" if robot in SUITS else f"\n{work(robot)}\n{behaviour(robot)}")
-    )
+    parts = [head(robot)]
+    parts += [work(robot)] if robot not in SUITS else []
+    parts += [behaviour(robot)] if robot not in (*SUITS, *PROSTHESES) else []
+    (FOLDER / f"{robot}.md").write_text("\n".join(parts))
 
 
 def draw(robot):

@@ -1,6 +1,8 @@
 """Robots that share diagrams/parts.py.
 
 CLAIMS: {robot: {joint: [(phase from, to)] in which its mean power is positive}}, of the estimated gait phase
+PROSTHESES: robots that replace a limb, and whose torque must not end with walking
+HEAVIEST: {robot: largest mass of its wearer in kg, if it has one}
 SUITS: {robot without actuators: joints whose angles it measures}
 """
 
@@ -19,8 +21,10 @@ CLAIMS = {
     "m_blue": {"hip": [(0.07, 0.37), (0.59, 0.79)], "knee": [(0.17, 0.33), (0.49, 0.69)]},
 }
 IN_MOTION = {"m_blue": {"controller": "phase"}}
+PROSTHESES = ("knee_ankle_prosthesis",)
+HEAVIEST = {"knee_ankle_prosthesis": 90}
 SUITS = {"sensor_suit": ("knee", "ankle"), "sensor_suit_lite": ("hip", "knee")}
-ROBOTS = (*CLAIMS, *SUITS)
+ROBOTS = (*CLAIMS, *PROSTHESES, *SUITS)
 
 
 def path(robot):
