@@ -57,6 +57,7 @@ def test_a_wearer_whose_weight_the_ankle_cannot_repeat_is_refused():
         runtime.run(ROBOT, 1.0, settings={"mass": 110})
 
 
+@pytest.mark.hazard("H12g")
 @pytest.mark.parametrize("swing", [EARLY_SWING, LATE_SWING])
 def test_weight_on_the_foot_ends_a_swing(swing):
     """As after a stumble: the knee is stiff again one tick after the load."""

@@ -193,8 +193,10 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "Squats are not taken for walking.",
             "c": "A missing sample becomes NaN, and is not stored in an estimate.",
             "d": "A sensor that is unplugged ends the run.",
-            "e": "Walking backward, stepping in place, turning on the spot, hopping and sitting down are not assisted.",
+            "e": "Walking backward, stepping in place, turning on the spot, hopping and sitting down are not assisted "
+            "by torques over a gait phase.",
             "f": "Sensors that are exchanged between the legs, upside down or turned end the run.",
+            "g": "Weight on the foot of a prosthesis ends its swing: the knee is stiff again.",
         },
     ),
     "H13": (
