@@ -58,6 +58,7 @@ def million():
 
 
 @pytest.mark.parametrize("length, number", crossed(LENGTHS, range(3)))
+@pytest.mark.soak
 def test_a_moving_average_does_not_drift_over_a_million_samples(million, number, length):
     """Against math.fsum at a thousand checkpoints: within two roundings of the mean, and 1e-25 of the largest sample of
     two windows.

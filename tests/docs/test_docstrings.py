@@ -102,6 +102,7 @@ def test_the_example_of_check(folder):
     assert names["report"]["ok"]
 
 
+@pytest.mark.soak
 def test_the_example_of_a_study_and_of_its_result(folder):
     pytest.importorskip("pyarrow"), pytest.importorskip("pandas")
     names = {"runtime": runtime}
@@ -109,6 +110,7 @@ def test_the_example_of_a_study_and_of_its_result(folder):
     exec(example(StudyResult), names)
 
 
+@pytest.mark.soak
 def test_the_example_of_an_optimisation_and_of_its_result(folder):
     pytest.importorskip("cma")
     names = {"runtime": runtime}

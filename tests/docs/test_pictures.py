@@ -64,6 +64,7 @@ def test_pictures_have_the_plugs_that_are_wired_by_pin():
 
 @needs_browser
 @every_picture
+@pytest.mark.soak
 def test_text_fits_the_frame_and_no_text_covers_another(path, tmp_path):
     texts = browse(f"<html><body>{path.read_text()}</body></html>", MEASURE, tmp_path)
     assert texts

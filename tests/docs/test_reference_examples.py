@@ -17,6 +17,7 @@ from tests.checkout import ROOT
 from tests.docs.fences import fences
 from tests.docs.reference_package import STORED
 from tests.runtime.runs import environment
+from tests.soaking import soaked
 
 PATH = ROOT / "docs" / "coming_from" / "epically_powerful_examples.md"
 PROGRAMS = {fence.file: fence.text for fence in fences(PATH) if fence.file}
@@ -66,7 +67,7 @@ def test_the_table_has_every_script_with_its_lines_and_each_program_with_its_own
     assert own == {file: len(text.splitlines()) for file, text in PROGRAMS.items()}
 
 
-@pytest.mark.parametrize("file", PROGRAMS)
+@pytest.mark.parametrize("file", soaked(list(PROGRAMS), but=[0]))
 def test_a_program_runs_from_the_command_line_with_another_drive(file, tmp_path):
     (tmp_path / file).write_text(PROGRAMS[file])
     command = [sys.executable, file, "--fast", "--duration", "1", "--set", "model=RS02", "--no-record"]

@@ -95,6 +95,7 @@ def test_versions_are_listed_newest_first(tmp_path):
 
 @needs_browser
 @pytest.mark.parametrize("asked", ["0.2.0/how_to/gait_phase.html", "gait_phase", "0.1.0/gait-phase.html"])
+@pytest.mark.soak
 def test_an_address_without_a_page_leads_to_the_start_and_to_a_search(tmp_path, asked):
     """In a folder of the server, as for the pages of a project."""
     (tmp_path / "tickwork" / "0.2.0").mkdir(parents=True)

@@ -123,6 +123,7 @@ def test_the_signed_sender_of_the_page_is_accepted(tmp_path):
     assert all(frame[:6] == bytes([0, 1, 0, 0, 2, 0]) and frame[9] == 0x5A for frame in accepted)
 
 
+@pytest.mark.soak
 def test_a_notebook_runs_a_file_in_real_time(tmp_path, monkeypatch):
     simulation, robot = samples("docs/how_to/notebooks.md")[0].splitlines()
     monkeypatch.chdir(tmp_path)

@@ -29,6 +29,7 @@ def started(path, *arguments):
     return python(path.name, *arguments, cwd=path.parent, path=ROOT)
 
 
+@pytest.mark.soak
 def test_a_file_that_calls_main_accepts_the_options_of_run(wave):
     process = started(wave, "--fast", "--duration", "1")
     assert (process.returncode, process.stderr) == (0, "") and "wave: 1 s at 100 Hz" in process.stdout
@@ -70,6 +71,7 @@ def test_main_does_nothing_in_a_module_that_is_imported():
 
 
 @pytest.mark.parametrize("name", ["json", "runtime"])
+@pytest.mark.soak
 def test_a_file_beside_the_diagram_shadows_no_module(name, wave):
     (wave.parent / f"{name}.py").write_text("raise SystemExit(0)\n")
     process = started(wave, "--fast", "--duration", "1", "--no-record")

@@ -19,6 +19,7 @@ from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit
 from tests.blocks.running import player, run
 from tests.graph.complaints import complaint
+from tests.soaking import soaked
 
 NUMBA = pytest.mark.skipif(not jit.available(), reason="needs Numba, the extra `jit`")
 
@@ -189,19 +190,22 @@ class Rounded(Block):
 @NUMBA
 @pytest.mark.parametrize(
     "kind, last, text",
-    [
-        (Rounded, math.nan, "its step raised an exception. Remove `jit = True` to see which"),
-        (Rounded, -math.inf, "its step raised an exception. Remove `jit = True` to see which"),
-        (Raises, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
-        (Place, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
-        (Truth, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
-        (Whole, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
-        (Bounded, 1.5, "its step returned a value for y that is not a number in [-inf, 1]"),
-        (Count, 0.5, "its step returned a value for y that is not a whole number"),
-        (Count, math.inf, "its step returned a value for y that is not a whole number"),
-        (Flag, math.nan, "its step returned a value for y that is not a bool"),
-        (Silent, 1.5, "its step returned no value"),
-    ],
+    soaked(
+        [
+            (Rounded, math.nan, "its step raised an exception. Remove `jit = True` to see which"),
+            (Rounded, -math.inf, "its step raised an exception. Remove `jit = True` to see which"),
+            (Raises, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
+            (Place, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
+            (Truth, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
+            (Whole, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
+            (Bounded, 1.5, "its step returned a value for y that is not a number in [-inf, 1]"),
+            (Count, 0.5, "its step returned a value for y that is not a whole number"),
+            (Count, math.inf, "its step returned a value for y that is not a whole number"),
+            (Flag, math.nan, "its step returned a value for y that is not a bool"),
+            (Silent, 1.5, "its step returned no value"),
+        ],
+        but=[0, 4, 7, 10],
+    ),
 )
 def test_a_value_that_would_be_an_exception_in_python_ends_the_run(kind, last, text):
     compiled = type("Compiled", (kind,), {"jit": True, "__doc__": "-"})

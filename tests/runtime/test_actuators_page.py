@@ -62,6 +62,7 @@ def test_the_names_of_the_page_are_accepted():
 
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
+@pytest.mark.soak
 def test_the_driver_board_of_the_page_compiles_runs_and_is_proved(tmp_path):
     [kernels] = re.findall(r"^```cython\n(.*?)^```", FAMILIES, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernels, "board_kernels.pyx")

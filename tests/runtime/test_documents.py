@@ -202,6 +202,7 @@ def test_the_block_of_the_page_works_as_written():
 
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
+@pytest.mark.soak
 def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
     [kernel] = re.findall(r"^```cython\n(.*?)^```", NATIVE, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernel, "my_kernels.pyx")

@@ -141,6 +141,7 @@ def test_unstable_or_slow_filter_has_no_range(a):
     assert made(TransferFunction, (1.0,), a).output_range(u=Interval(-1.0, 1.0)) == Interval()
 
 
+@pytest.mark.soak
 def test_a_filter_with_a_too_long_impulse_response_has_no_range():
     A, E, C = np.array([[0.999999]]), np.ones((1, 1)), np.ones((1, 1))
     assert impulse_sums(A, E, C, work=1e6) is None

@@ -25,6 +25,7 @@ def test_the_peak_profile_rises_peaks_and_falls_where_it_is_set():
     assert at == pytest.approx({0.25: 0.0, 0.3: 0.0, 0.4: 6.0, 0.5: 12.0, 0.55: 6.0, 0.6: 0.0, 0.7: 0.0}, abs=1e-9)
 
 
+@pytest.mark.soak
 def test_the_peak_profile_never_exceeds_its_peak_by_a_rounding():
     """An actuator whose limit is the peak would reject the command."""
     random = np.random.default_rng(1)

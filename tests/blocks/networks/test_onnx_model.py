@@ -83,6 +83,7 @@ def test_a_streaming_model_equals_its_window_model(tmp_path):
     np.testing.assert_allclose(streamed, windowed, rtol=0.0, atol=1e-6)  # float32 rounding, of |y| < 1
 
 
+@pytest.mark.soak
 def test_a_streaming_network_of_122_561_parameters_equals_its_window_network(tmp_path):
     rows = np.random.default_rng(1).normal(size=(models.RECEPTIVE_FIELD + 5, models.TEMPORAL_CHANNELS))
     streaming = OnnxModel(models.temporal(tmp_path / "s.onnx"))

@@ -218,6 +218,7 @@ def test_walker_rejects_speeds_that_it_has_no_motion_for(parameters, message):
         Walker(**parameters)
 
 
+@pytest.mark.soak
 def test_norms_are_the_fit_of_the_measured_curves():
     shared("gait/walk_stairs_norms_adult_bovi2011.csv")
     from tests.blocks.wearer.fit_norms import NORMS, module

@@ -40,6 +40,7 @@ def test_every_text_fits_into_its_box(ask):
     assert wide == []
 
 
+@pytest.mark.soak
 def test_port_names_on_both_sides_do_not_overlap(ask):
     touching = ask(
         nested(),
@@ -101,6 +102,7 @@ def test_escape_closes_the_card(ask):
     ) == [True, ""]
 
 
+@pytest.mark.soak
 def test_a_block_is_reached_by_its_address_and_by_the_keyboard(ask):
     assert ask(leg(), "return chosen;", address="#left%2Fknee") == "left/knee"
     assert ask(
@@ -196,6 +198,7 @@ def test_folding_never_makes_boxes_overlap_or_detaches_lines(seed, ask):
     assert told["frames"] > 2 and told["wrong"] == []
 
 
+@pytest.mark.soak
 def test_selecting_a_block_unfolds_its_subsystem_and_scrolls_to_it(ask):
     told = ask(
         nested(),
@@ -215,6 +218,7 @@ def test_selecting_a_block_unfolds_its_subsystem_and_scrolls_to_it(ask):
     )
 
 
+@pytest.mark.soak
 def test_animated_and_immediate_folding_give_the_same_view(ask):
     script = """
         for (const shut of [true, false, true]) fold("left", shut);

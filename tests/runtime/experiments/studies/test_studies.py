@@ -71,6 +71,7 @@ def test_picture_of_two_grid_parameters_is_a_heat_map_of_means_over_the_seeds(fo
     assert mesh.get_array()[1, 0] == pytest.approx(result["noise"][4:6].mean(), rel=1e-12)
 
 
+@pytest.mark.soak
 def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(folder):
     sample = {"samples": 4, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
     result = study(workers=0, grid={"gain": [1, 2]}, objectives=TWO, **sample)
@@ -91,6 +92,7 @@ def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(f
 
 
 @pytest.mark.parametrize("others", [{}, {"frequency": [1.0, 2.0]}])
+@pytest.mark.soak
 def test_values_of_a_diverging_run_are_in_the_table_and_not_in_the_picture(others, folder):
     costs = {"rms": {"function": "rms", "signal": "gain.y"}, "own": lambda trial: -1e57 * trial["gain.y"].max()}
     with warnings.catch_warnings():

@@ -167,6 +167,7 @@ sys.exit(job.wait())
 """
 
 
+@pytest.mark.soak
 def test_a_background_run_reads_no_keys(tmp_path, terminal):
     live_diagram(tmp_path)
     orders, write_orders = os.pipe()

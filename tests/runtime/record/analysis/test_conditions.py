@@ -123,6 +123,7 @@ def test_diff_of_strides_prints_the_clearest_difference_first(command_line, pair
     assert named <= drawn("diff.svg")
 
 
+@pytest.mark.soak
 def test_sections_of_one_recording_are_conditions(command_line, pair):
     sections = ("--between", "start", "mark 1", "--between", "mark 2", "9.5")
     code, out, err = command_line("plot", pair[0], "--strides", *sections, "-o", "sections.svg")

@@ -48,6 +48,7 @@ def test_plots_over_time_are_saved(trial, tmp_path):
     assert path == tmp_path / "knee.svg" and ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
+@pytest.mark.soak
 def test_a_plot_without_names_has_a_picture_for_each_subsystem(trial):
     pictures = trial.plot()
     assert list(pictures.draws) == ["left", "right", "knee_exo"]

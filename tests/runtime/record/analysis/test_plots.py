@@ -213,6 +213,7 @@ def test_a_named_block_or_subsystem_is_drawn_completely(command_line, crowded):
     assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")
 
 
+@pytest.mark.soak
 def test_differences_of_huge_values_are_drawn_without_them(command_line, tmp_path):
     """A simulation that diverges passes through them before its values are infinite."""
     for name, sign in (("a", 1.0), ("b", -1.0)):

@@ -68,6 +68,7 @@ def test_a_picture_has_the_width_of_a_column_and_the_names_of_the_field(command_
     assert {colour for colour, _ in colours} == {"#0072b2", "#d55e00"}
 
 
+@pytest.mark.soak
 def test_a_band_that_the_line_hides_is_neither_drawn_nor_in_the_legend(command_line, recorded):
     for name, shown in (("same", False), ("wide", True)):
         assert command_line("plot", recorded[name], "--strides", "-o", f"{name}.svg")[0] == OK
@@ -87,6 +88,7 @@ def test_toe_off_comes_from_no_other_leg_and_no_heel():
     assert contact_of(["left/a.contact", "left/b.contact"], "left/knee.position") is None
 
 
+@pytest.mark.soak
 def test_conditions_are_named_by_labels_or_by_files_without_their_times(command_line, recorded):
     words = ["plot", recorded["same"], recorded["wide"], "--strides", "-o", "a.svg"]
     assert command_line(*words)[0] == OK

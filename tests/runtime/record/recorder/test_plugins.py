@@ -105,6 +105,7 @@ def run(lab, *words):
     return done.stdout
 
 
+@pytest.mark.soak
 def test_a_sink_of_an_installed_package_writes_its_file_and_gets_rows_and_frames(lab):
     said = run(lab, "robot.py", "--fast", "--duration", "1")
     [path] = (lab / "recordings").glob("*.count.json")

@@ -60,6 +60,7 @@ def check(made, trial, begin, end, width):
     return sizes
 
 
+@pytest.mark.soak
 def test_windows_of_any_size_equal_a_naive_computation(trial, monkeypatch):
     monkeypatch.setattr(levels, "GROUP_ROWS", 1001)  # ends anywhere in an interval
     made, dice, sizes = built(trial), random.Random(1), set()

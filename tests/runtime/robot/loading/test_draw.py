@@ -77,6 +77,7 @@ def test_no_drawing_contains_an_absolute_path(command_line):
     assert '"made": "robot.py:' in command_line("draw", "robot.py", "-o", "-", "--format", "html")[1]
 
 
+@pytest.mark.soak
 def test_a_png_has_twice_the_pixels_of_the_drawing_and_its_text(command_line, monkeypatch):
     """Also where the system has no fonts."""
     monkeypatch.setattr(resvg_py, "svg_to_bytes", partial(resvg_py.svg_to_bytes, skip_system_fonts=True))

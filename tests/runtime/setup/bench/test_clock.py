@@ -12,6 +12,7 @@ from runtime.host.errors import OK, BadInput
 from runtime.setup.bench import clock
 
 
+@pytest.mark.paced
 def test_bench_clock_reports_native_and_python_blocks_at_every_rate(command_line):
     code, out, err = command_line("bench", "clock", "--seconds", "0.1", "--repeats", "1", "--json")
     rows = json.loads(out)["clock"]
