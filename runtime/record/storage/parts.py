@@ -15,7 +15,7 @@ import numpy as np
 
 from runtime.host.errors import BadInput
 from runtime.record.storage.batches import NO_FRAMES, Batch, Rows
-from runtime.record.storage.reader import Reader
+from runtime.record.storage.reader import Reader, Unbegun
 
 PART = re.compile(r"(.+)_part(\d+)")
 
@@ -56,14 +56,14 @@ def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader]
 
     Raises BadInput.
     """
-    following = path.parent / f"{path.stem}_part2{path.suffix}"
-    if following.exists() and path.exists() and path.stat().st_size == 0:  # its recorder was killed at once
-        readers, number = [read(following)], 2
-        about = {**readers[0].about, "part": 1}
-    else:
-        readers = [read(path)]
-        about = readers[0].about
-        number = about.get("part", 1)
+    readers: list[Reader] = []
+    number, empty = 1, None
+    try:
+        readers.append(read(path))
+        number = readers[0].about.get("part", 1)
+    except Unbegun as error:
+        empty = error
+    first = number
     stem = path.stem.removesuffix(f"_part{number}") if number > 1 else path.stem
     while (following := path.with_name(f"{stem}_part{number + 1}{path.suffix}")).exists():
         number += 1
@@ -71,10 +71,12 @@ def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader]
             reader = read(following)
         except BadInput:  # its recorder was also killed before its first tick
             continue
-        if reader.about.get("part") != number or not are_of_one_run(readers, reader):
+        if reader.about.get("part") != number or readers and not are_of_one_run(readers, reader):
             break  # of another run of the same name
         readers.append(reader)
-    return readers, about
+    if empty and not readers:
+        raise empty
+    return readers, {**readers[0].about, "part": first}
 
 
 def is_unbegun(reader: Reader) -> bool:

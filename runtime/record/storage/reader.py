@@ -36,6 +36,10 @@ FRAMES_GROWTH = 4  # size of decoded frames, as a multiple of that of their mess
 Result = TypeVar("Result")
 
 
+class Unbegun(BadInput):
+    """A file whose recorder was killed before its first tick."""
+
+
 @dataclass(frozen=True)
 class Recorded:
     """CAN frame.
@@ -86,7 +90,7 @@ class Reader:
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if contents.about is None:
-            raise BadInput(f"{path} {self.not_a_recording(contents)}")
+            raise self.not_a_recording(contents)
         validate(path, contents.about)
         self.layout = Layout(path, contents.about, contents.topics)
         self.about, self.end, self.diagram = contents.about, contents.end, contents.diagram
@@ -176,19 +180,23 @@ class Reader:
         """Whether the recorder has completed the file."""
         return self.contents.finished
 
-    def not_a_recording(self, contents: Contents) -> str:
-        """Return the problem with a file that is not a recording, as the end of a sentence."""
+    def not_a_recording(self, contents: Contents) -> BadInput:
+        """Return the problem with a file that is not a recording."""
         with open(self.path, "rb") as stream:
             mcap = stream.read(len(MAGIC)) == MAGIC
         if self.size == 0 or mcap and contents.library == LIBRARY:
-            return "was truncated before its first tick and contains no data"
+            return Unbegun(f"{self.path} was truncated before its first tick and contains no data")
         if "about.json" in contents.broken:
-            return "is damaged: the checksum of its about.json, which lists the signals, is wrong"
-        if mcap:
-            return f"is an MCAP file of another program ({contents.library or 'unknown'}): pass a recording of Tickwork"
-        beside = self.path.parent / f"{self.path.stem}.mcap"
-        cure = f"pass {beside}" if beside != self.path and beside.exists() else "pass the .mcap file of the run"
-        return f"is not a recording of Tickwork: {cure}"
+            problem = "is damaged: the checksum of its about.json, which lists the signals, is wrong"
+        elif mcap:
+            problem = (
+                f"is an MCAP file of another program ({contents.library or 'unknown'}): pass a recording of Tickwork"
+            )
+        else:
+            beside = self.path.parent / f"{self.path.stem}.mcap"
+            cure = f"pass {beside}" if beside != self.path and beside.exists() else "pass the .mcap file of the run"
+            problem = f"is not a recording of Tickwork: {cure}"
+        return BadInput(f"{self.path} {problem}")
 
     def ahead(
         self, work: Callable[[int, Messages], Result], numbers: Iterable[int], growth: int = 1

@@ -252,6 +252,15 @@ def test_trial_with_killed_recorder_is_one_trial(tmp_path):
     (tmp_path / "cut_part2.mcap").rename(tmp_path / "late_part2.mcap")
     late = runtime.load(tmp_path / "late.mcap")
     assert late.path.name == "late.mcap" and len(late) == 100 and late.about["part"] == 1
+    head = late.parts[0].read_bytes()
+    (tmp_path / "late_part2.mcap").rename(tmp_path / "late_part3.mcap")
+    (tmp_path / "late_part2.mcap").write_bytes(head[: head.index(b"about.json") - 40])  # nor of the next one
+    with pytest.raises(BadInput, match="late.mcap was truncated before its first tick"):
+        runtime.load(tmp_path / "late.mcap")  # its third part says that it is the second
+    (tmp_path / "late_part3.mcap").unlink()
+    recorded(tmp_path, rows[100:200], "late_part3", part=3)
+    late = runtime.load(tmp_path / "late.mcap")
+    assert [path.name for path in late.parts] == ["late_part3.mcap"] and len(late) == 100
     recorded(tmp_path, rows[:50], "other", signals=SIGNALS)
     recorded(tmp_path, [values[:-1] for values in rows[50:]], "other_part2", signals=SIGNALS[:-1], part=2)
     assert len(runtime.load(tmp_path / "other.mcap")) == 50  # of a run of something else
