@@ -297,8 +297,8 @@ class Reader:
 
     def decoder(self) -> Callable[[int, Messages], np.ndarray]:
         """Return the function that decodes the frames of a chunk."""
-        began, layout, before = self.began, self.layout, self.before[self.layout.tick]
-        return lambda number, chunk: layout.frames(chunk, began, before[number])
+        began, layout, rows = self.began, self.layout, self.before.get(self.layout.tick)
+        return lambda number, chunk: layout.frames(chunk, began, 0 if rows is None else rows[number])
 
     def stream(self, with_frames: bool = True) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield (rows as in a Batch, frames as an array of FRAME) of every chunk, in order.

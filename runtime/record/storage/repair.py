@@ -254,7 +254,7 @@ class Repair:
                     f"{self.path} was truncated before its first record, or is not a recording: it contains nothing "
                     "to repair"
                 )
-            if self.damaged or not (self.over or self.is_flushed or self.is_torn()):
+            if self.damaged or self.is_contradicted() or not (self.over or self.is_flushed or self.is_torn()):
                 raise RepairFailed(
                     f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the undamaged "
                     "parts into a new file"
@@ -263,6 +263,22 @@ class Repair:
             return True
         finally:
             self.close()
+
+    def is_contradicted(self) -> bool:
+        """Return whether the file has an end that the scan did not reach, or whose summary has other channels."""
+        from mcap.exceptions import McapError
+
+        if not self.over:
+            self.stream.seek(max(self.size - len(MAGIC), 0))
+            return self.stream.read() == MAGIC
+        self.stream.seek(self.at)
+        try:
+            return any(
+                kind == CHANNEL and read("Channel", data[HEAD.size :]) not in self.writer.channels
+                for _, kind, data in walk(self.stream, self.at)
+            )
+        except (McapError, *DAMAGE):
+            return False
 
     def is_torn(self) -> bool:
         """Return whether the rest of the file is one incomplete record or block, or zeros after a power cut."""
