@@ -59,13 +59,24 @@ def same_id(count: int, can_id: int) -> str:
 
 
 def alternates(positions: Sequence[float]) -> bool:
-    """Return whether reports of one id alternate between two positions, as those of two drives do. positions : rad
+    """Return whether reports of one id are of two positions, as those of two drives are. positions : rad
 
-    A joint does not go to and fro by APART between reports.
+    A joint does not go to and fro by APART between reports, and passes through the angles between two places.
     """
     pairs = zip(positions, positions[1:], positions[2:])
     back = [abs(third - first) < 0.1 * abs(second - first) > 0.1 * APART for first, second, third in pairs]
-    return len(back) >= ALTERNATIONS and sum(back) >= 0.8 * len(back)
+    return len(back) >= ALTERNATIONS and (sum(back) >= 0.8 * len(back) or at_two_places(positions))
+
+
+def at_two_places(positions: Sequence[float]) -> bool:
+    """Return whether positions change between two places without any in between. positions : rad"""
+    middle = 0.5 * (min(positions) + max(positions))
+    low, high = ([each for each in positions if (each < middle) == side] for side in (True, False))
+    changes = sum((before < middle) != (after < middle) for before, after in zip(positions, positions[1:]))
+    if changes <= ALTERNATIONS:
+        return False
+    spread = max(max(high) - min(high), max(low) - min(low))
+    return min(high) - max(low) > max(APART, 10.0 * spread)
 
 
 def one_of(answers: Sequence[Answer], can_id: int, read_before: bool = False) -> Any:

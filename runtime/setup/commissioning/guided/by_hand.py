@@ -15,6 +15,7 @@ ANGLE_TOLERANCE = 0.05  # of the marked angle, turned by hand
 VELOCITY_TOLERANCE = 0.05  # of the change of position
 PARAMETER_TOLERANCE = 0.02  # of a parameter of the drive
 ZERO_TOLERANCE = 0.05  # rad
+TURNS = 3  # of the motor, by which the reading of a joint may be shifted
 LITTLE = 0.3  # of the marked angle, below which a joint has not moved
 JUMP = 0.06  # rad between two replies, in addition to the motion at their velocity
 RANGE_MARGIN = 0.05  # rad
@@ -32,7 +33,19 @@ def pose(bench: Bench, block: Any, given: Given) -> Result:
     at = sum(sample.position for sample in samples) / len(samples)
     joint = sign_of(block) * at - block.offset
     result = Result([f"the joint reads {joint:.3f} rad at its zero"], {"zero": joint})
-    if not block.zero_at_arming and abs(joint) > ZERO_TOLERANCE:
+    turn = block.shift
+    if (
+        turn > ZERO_TOLERANCE
+        and 0 < round(abs(joint) / turn) <= TURNS
+        and abs(math.remainder(joint, turn)) < 0.1 * turn
+    ):
+        result.find(
+            "motor turn",
+            f"the joint reads {joint:.3f} rad at its zero, {round(joint / turn)} turns of the motor: the drive was "
+            "switched on elsewhere and does not count turns without power. Switch it on at its zero, or set reference "
+            "or known_pose",
+        )
+    elif not block.zero_at_arming and abs(joint) > ZERO_TOLERANCE:
         result.find("zero", f"the joint reads {joint:.3f} rad at its zero", offset=round(sign_of(block) * at, 4))
     return result
 
@@ -61,10 +74,7 @@ def turn(bench: Bench, block: Any, given: Given) -> Result:
         else:
             result.find("encoder", f"the reading moved by {own.moved:.3f} rad: the encoder is stuck, or another joint")
         return result
-    if own.jumps:
-        size = max(map(abs, own.jumps))
-        result.measured["jump"] = size
-        result.find("wraps", f"the reading jumped by {size:.3f} rad{wrap_in_words(block, size)}")
+    if found_wraps(result, block, own.jumps):
         return result
     direction = sign_of(block)
     if own.moved * direction < 0.0:
@@ -83,6 +93,8 @@ class Turn:
     def __init__(self, samples: Sequence[Sample]) -> None:
         first = samples[: max(3, len(samples) // 20)]
         bias = min((sample.velocity for sample in first), key=abs)
+        if abs(bias) > 0.1 * max(abs(sample.velocity) for sample in samples):
+            bias = 0.0  # the motion began before the first samples
         noise = max(sample.position for sample in first) - min(sample.position for sample in first)
         self.jumps: list[float] = []
         self.integral = 0.0
@@ -96,12 +108,20 @@ class Turn:
         self.moved = samples[-1].position - samples[0].position - sum(self.jumps)
 
 
+def found_wraps(result: Result, block: Any, jumps: Sequence[float]) -> bool:
+    """Name the largest jump of the reading. Returns whether there was one. jumps : rad"""
+    if jumps:
+        size = max(map(abs, jumps))
+        result.measured["jump"] = size
+        result.find("wraps", f"the reading jumped by {size:.3f} rad{wrap_in_words(block, size)}")
+    return bool(jumps)
+
+
 def wrap_in_words(block: Any, size: float) -> str:
     """Return what a jump of the reading by `size` rad at the joint suggests."""
-    spec, ratio = block.spec, block.gear_ratio
     known = {
-        "it wraps at one turn of the output": 2.0 * math.pi / ratio,
-        "it wraps at one turn of the motor": (getattr(spec, "wake_shift", 0.0) or 0.0) / ratio,
+        "it wraps at one turn of the output": 2.0 * math.pi / block.gear_ratio,
+        "it wraps at one turn of the motor": block.shift,
         "it wraps at the end of its encoded range": 2.0 * block.wire[0],
     }
     near = [text for text, value in known.items() if value and abs(size / value - 1.0) < 0.1]
@@ -181,6 +201,8 @@ def motion(bench: Bench, block: Any, given: Given) -> Result:
     angles = [sign_of(block) * sample.position - block.offset for sample in seen]
     low, high = min(angles), max(angles)
     result = Result([f"moves from {low:.3f} to {high:.3f} rad"], {"low": low, "high": high})
+    if found_wraps(result, block, Turn(seen).jumps):
+        return result
     if not block.range:
         result.cures["range"] = [round(low, 3), round(high, 3)]
     elif low < block.range[0] - RANGE_MARGIN or high > block.range[1] + RANGE_MARGIN:

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 REPLIES = 150  # queries
 QUERY_TIME = 0.4  # s of queries to all drives of a bus
 REPLY_TIMEOUT = 0.1  # s
+STOPS = 3  # disables of which a drive answers one
+REPORTS_TIME = 0.5  # s of reports that are counted
+REPORTS = 4  # fewest reports in that time of a drive that reports by itself
+REPORTS_SHARE = 0.7  # of the declared rate, below which the reports are too slow
 LOST_SHARE = 0.02  # of the replies, above which a bus has a fault
 SLOW_SHARE = 0.5  # of the period, median reply time above which a drive is slow
 ZERO_SILENCE = 0.1  # s without a reply after its zero was set, above which a drive counts as silent
@@ -47,6 +51,12 @@ def identity(bench: Bench, block: Any, given: Given) -> Result:
                 f"{', '.join(lost)} are silent, and the other drives of {block.bus} respond: check the cable and the "
                 "supply between the two groups",
             )
+    elif not twins and not confirms_stop(bench, block):
+        result.find(
+            "protocol",
+            f"the drive replies, but not to the disable of a {type(block).__name__}: it is another board, and would "
+            "not confirm the safe stop",
+        )
     own = [] if block.path in lost else here
     for drive in own:
         result.says += [f"{drive.family}, firmware {drive.firmware or 'not reported'}"] + drive.notes
@@ -59,13 +69,27 @@ def identity(bench: Bench, block: Any, given: Given) -> Result:
     return result
 
 
+def confirms_stop(bench: Bench, block: Any) -> bool:
+    """Return whether a drive answers its disable as its block requires, or reports an error instead."""
+    stop, tool, read = block.stop_reply(), bench.buses[block.bus], bench.queries[block.path].read
+    if stop is None or not stop.echo:
+        return True
+    for _ in range(STOPS):
+        for frame in block.disable_frames():
+            tool.send(frame, "disable")
+        received = tool.listen(REPLY_TIMEOUT)
+        if any(read(*frame) and frame[2][stop.echo[0]] for frame in received):
+            return True
+    return False
+
+
 def bus(bench: Bench, block: Any, given: Given) -> Result:
     """Count errors of the bus while it is idle and at the rate of the diagram, and measure the time to a reply."""
     bench.take()
     tool, query, result = bench.buses[block.bus], bench.queries[block.path], Result()
     tool.listen(REPLY_TIMEOUT)  # replies to earlier queries
     before, corrupt = tool.errors, tool.wire.counts.get("corrupt", 0)
-    reports = [frame for frame in tool.listen(0.3) if query.read(*frame)]
+    reports = [frame for frame in tool.listen(REPORTS_TIME) if query.read(*frame)]
     idle = tool.errors - before
     times, lost = [], 0
     for _ in range(REPLIES):
@@ -93,12 +117,13 @@ def bus(bench: Bench, block: Any, given: Given) -> Result:
             f"(99 %); errors of the bus: {idle} idle, {loaded} at {1.0 / bench.period:g} Hz"
         )
         transit = max(getattr(block, "max_transit", bench.period), bench.period)
-        if len(reports) < 3 and p50 > max(SLOW_SHARE * bench.period, transit):
+        if len(reports) < REPORTS and p50 > max(SLOW_SHARE * bench.period, transit):
             result.find(
                 "slow replies",
                 f"half of the replies take more than {p50 * 1e3:.1f} ms, a tick {bench.period * 1e3:g} ms: update the "
                 f"firmware, or reduce the rate to {0.3 / p50:.0f} Hz",
             )
+    compare_reports(result, block, len(reports))
     if lost > LOST_SHARE * REPLIES:
         result.find(
             "lost replies",
@@ -112,6 +137,22 @@ def bus(bench: Bench, block: Any, given: Given) -> Result:
             "termination, shield and a common ground",
         )
     return result
+
+
+def compare_reports(result: Result, block: Any, reports: int) -> None:
+    """Compare the rate of the reports that a drive has sent by itself with its block's. reports : in REPORTS_TIME"""
+    declared = getattr(block, "report_rate", None)
+    rate = reports / REPORTS_TIME
+    if declared is None or (declared == 0.0 and reports < REPORTS):
+        return
+    result.measured["report_rate"] = rate
+    if declared == 0.0 or rate < REPORTS_SHARE * declared:
+        result.find(
+            "report rate",
+            f"the drive sends {rate:.0f} reports a second by itself, and report_rate is {declared:g} Hz: set the rate "
+            "with the vendor's tool, or declare it",
+            **({"report_rate": float(round(rate, -1 if rate > 50.0 else 0))} if reports >= REPORTS else {}),
+        )
 
 
 def state(bench: Bench, block: Any, given: Given) -> Result:

@@ -12,10 +12,11 @@ import time
 import can
 
 from tests.runtime.runs import started, write
-from tests.runtime.setup.commissioning.nodes import Mit, Node, Nodes, channel
+from tests.runtime.setup.commissioning.nodes import V3, Mit, Node, Nodes, Private, Servo, channel
 from tests.runtime.terminals import Terminal
 
 LENGTH = 0.2  # m of the lever
+TWINS = {"CubeMars": Mit, "CubeMarsServo": Servo, "CubeMarsV3": V3, "RobStride": Private}
 ROBOT = '''
 import json, math, os
 from blocks.actuators import *
@@ -76,10 +77,11 @@ def plant(robot):
         for name, (_, _, _, faults, _) in DRIVES.items():
             faults = dict(faults)
             noise, kind, inputs = faults.pop("noise", 0.0), faults.pop("kind", None), faults.pop("inputs", {{}})
-            moved = faults.pop("moved_by", name)
+            moved, velocity = faults.pop("moved_by", name), faults.pop("velocity", 1.0)
             drive = robot[name]
             with subsystem(name):
-                faults.pop("twin", faults.pop("ground", None))
+                for other in ("twin", "ground", "end"):
+                    faults.pop(other, None)
                 if faults.pop("absent", False):
                     continue
                 if kind:
@@ -88,7 +90,7 @@ def plant(robot):
                 else:
                     emulated = drive.emulator(**faults)
             arm = Arm(noise=noise, name=moved)(emulated.torque)
-            emulated(position=arm.position, velocity=arm.velocity, **inputs)
+            emulated(position=arm.position, velocity=velocity * arm.velocity, **inputs)
     return plant
 '''
 
@@ -112,7 +114,7 @@ class Benched:
         self.rig = write(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n', "lab.toml")
         self.hand = {name: {"hold": 0.0} for name in drives}
         self.move({})
-        twins: list = [Mit(can_id) for _, _, can_id, faults, _ in drives.values() if "twin" in faults]
+        twins: list = [TWINS[kind](can_id) for kind, _, can_id, faults, _ in drives.values() if "twin" in faults]
         twins += [ErrorFrames()] * any("ground" in faults for _, _, _, faults, _ in drives.values())
         self.twins = Nodes(number, *twins)
 
@@ -208,7 +210,7 @@ class Operator:
             self.bench.move({self.path: {"hold": 1.5708}})
             self.press(wait=2.2)
         elif "full motion" in line:
-            self.bench.move({self.path: {"hold": 0.0}})
+            self.bench.move({self.path: {"hold": self.bench.drives[self.path][3].get("end", 0.0)}})
             self.press(wait=1.8)
         elif "Its mass in kg" in line:
             moment = 1.2 * float(re.search(r"about ([\d.e-]+) kg", line)[1])  # kg·m

@@ -100,6 +100,21 @@ PROTOCOLS = {
     "board": (("CubeMarsV3", "AK80-9-V3.0", 15, {"wrap": 0.698}, {}), "wraps"),
     "cyber": (("RobStride", "CyberGear", 16, {"invert": True}, {}), "direction"),
 }
+OTHERS = {
+    "older": (("CubeMarsV3", "AK80-9-V3.0", 1, {"kind": "CubeMarsServo", "other": "AK80-9"}, {}), "protocol"),
+    "mit": (("CubeMarsServo", "AK80-9", 2, {"kind": "CubeMars"}, {}), "protocol"),
+    "private": (("RobStrideMIT", "RS02", 3, {"kind": "RobStride"}, {}), "protocol"),
+    "backwards": (("CubeMars", "AK80-9", 4, {"velocity": -1.0}, {}), "sign of velocity"),
+    "restarted": (("CubeMars", "AK80-9", 5, {"turns": 1}, {}), "motor turn"),
+    "turn": (("CubeMars", "AK80-9", 6, {"wrap": 6.2832}, {"offset": 3.0}), "wraps"),
+    "far": (("RobStride", "RS02", 7, {"wrap": 6.2832, "end": 3.9}, {}), "wraps"),
+    "gear": (("RobStride", "RS02", 8, {"gear_ratio": 1.5}, {}), "position range"),
+    "slower": (("CubeMarsServo", "AK60-6-V1.1", 9, {"report_rate": 20.0}, {}), "report rate"),
+    "unasked": (("CubeMarsV3", "AK80-9-V3.0", 10, {"report_rate": 100.0}, {}), "report rate"),
+    "pair": (("CubeMarsServo", "AK80-9", 11, {"twin": True}, {}), "two drives with one id"),
+    "couple": (("CubeMarsV3", "AK80-9-V3.0", 12, {"twin": True}, {}), "two drives with one id"),
+    "brace": (("RobStride", "RS02", 13, {"twin": True}, {}), "two drives with one id"),
+}
 TORQUE = {
     "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
     "timeless": (("RobStride", "RS02", 6, {"ignores": ("canTimeout",)}, {}), "setting not kept"),
@@ -115,14 +130,14 @@ HEALTHY = {
     "robstride": (("RobStrideMIT", "RS04", 7, {}, {}), None),
 }
 GROUND = {"ground": (("CubeMars", "AK80-9", 1, {"ground": True}, {}), "bus errors")}
-PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn")
+PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn", "motion")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     "number, drives, words",
-    [(114, MIT, PASSIVE), (115, PROTOCOLS, PASSIVE), (116, TORQUE, ()), (118, GROUND, PASSIVE)],
-    ids=["MIT mode", "protocols and buses", "torque", "ground"],
+    [(114, MIT, PASSIVE), (115, PROTOCOLS, PASSIVE), (112, OTHERS, PASSIVE), (116, TORQUE, ()), (118, GROUND, PASSIVE)],
+    ids=["MIT mode", "protocols and buses", "others", "torque", "ground"],
 )
 def test_each_fault_is_named_before_5_percent_of_the_rated_torque(tmp_path, number, drives, words):
     check_what_is_found(tmp_path, number, drives, words, 1)

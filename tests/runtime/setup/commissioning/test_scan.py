@@ -1,12 +1,14 @@
 """`scan` over real udp_multicast: what it finds, what it sends, frame by frame, and what it never sends."""
 
 import json
+import math
 import os
 import socket
 import time
 
 import pytest
 
+from blocks.actuators.queries import alternates
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.robot.guardian.lock import BusLock
 from runtime.robot.rig.file import read
@@ -34,6 +36,21 @@ def found(command_line, nodes, *more):
     code, out, err = command_line("scan", *nodes.words, *QUICK, "--json", *more)
     [report] = json.loads(out)["buses"]
     return code, report
+
+
+@pytest.mark.parametrize(
+    "positions, two",
+    [
+        ([0.0, 1.5] * 4, True),
+        ([0.0, 0.001, 1.5] * 6, True),  # one reports twice as often
+        ([0.1 * k for k in range(20)], False),
+        ([0.0] * 10 + [1.5] * 10, False),  # a jump
+        ([0.3 * math.sin(k) for k in range(40)], False),
+        ([0.0] * 20, False),
+    ],
+)
+def test_reports_of_two_positions_are_those_of_two_drives(positions, two):
+    assert alternates(positions) == two
 
 
 def test_every_family_is_found_and_listed(command_line):
