@@ -40,6 +40,9 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
     peak_time, rise, fall : gait phase of the peak, phase from 0 to it, and from it to 0
     """
     models = {"left": model, "right": right_model or model}
+    for name in models.values():
+        if name not in LIMITS:
+            raise ValueError(f"model must be {' or '.join(LIMITS)}, got {name!r}")
     limit = min(LIMITS[name] for name in models.values())
     with Diagram("ankle_exo", rate=200) as diagram:
         imu("pelvis", "133960")

@@ -9,7 +9,7 @@ dorsiflexion that the weight causes, early swing when the foot leaves the ground
 extend, and standing after a stance of 1 s. (Sup et al. 2008) Weight on the foot ends each swing. With
 `controller=phase`, as in Best et al. 2023, the same quantities are continuous functions of a gait phase, which the
 residual thigh determines; while the phase is not known, or the foot bears weight in its swing, those of early stance
-hold.
+hold. Stiffness and damping of each joint that add to those of the controller are live.
 
 As published: the structure of both controllers, and impedances that scale with the mass of the wearer. What differs:
 their values, which were tuned on the simulated wearer (diagrams/amputee.py) from those of the Open-Source Leg's
@@ -30,10 +30,11 @@ from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
 from blocks.states import StateMachine
 from blocks.tables import LookupTable1D
-from graph import Diagram, subsystem
+from graph import Diagram, Live, subsystem
 from parts import POSITIVE, drive, gait, imu
 
 LIMITS = {"knee": 60.0, "ankle": 110.0}  # N·m
+ADDED = (30.0, 1.0)  # N·m/rad and N·m·s/rad, live, at most
 HEAVIEST = 90.0  # kg, with which the RMS torque of the ankle in walking is the rated one
 UNITS = {"stiffness": "N·m/rad", "damping": "N·m·s/rad", "equilibrium": "rad"}
 
@@ -89,7 +90,7 @@ def build(side="left", controller="states", mass=70.0):
             chosen = by_state(drives, load, mass) if controller == "states" else by_phase(leg, load, mass)
             for joint, motor in drives.items():
                 stiffness, damping, equilibrium = (chosen[f"{joint}_{name}"] for name in UNITS)
-                law = Impedance(0.0, 0.0, name=f"{joint}_impedance")
+                law = Impedance(*(Live(0.0, min=0.0, max=most) for most in ADDED), name=f"{joint}_impedance")
                 torque = law(motor.position, motor.velocity, equilibrium, stiffness, damping)
                 motor(torque_command=TorqueLimiter(LIMITS[joint], slew=2000.0, name=f"{joint}_limiter")(torque))
                 StrideReport(title=f"{side} {joint}", positive=POSITIVE[joint], name=f"{joint}_report")(

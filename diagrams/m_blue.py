@@ -36,6 +36,7 @@ from wearer import wearer as plant  # noqa: F401
 # without load. `python -m tests.diagrams.energy` fits them.
 STANCE = ((-2.84, 0.48, 0.0, 0.32), (0.0, -0.48, -1.29, 0.02))
 SWING = ((0.31, -0.24, 0.0, -0.21), (0.0, 0.24, 0.0, 0.08))
+LARGEST_SHARE = 0.3  # of the torques of an adult
 LOADED = 0.05  # load on a foot that stands on the ground
 FULL_LOAD = 1.1 * 9.80665  # N/kg, force on a foot at its peak in walking
 
@@ -50,6 +51,8 @@ def build(controller="energy", mass=70.0, share=0.15, assistance=1.0):
     """
     if controller not in ("energy", "phase"):
         raise ValueError(f"controller must be 'energy' or 'phase', got {controller!r}")
+    if not 0.0 <= share <= LARGEST_SHARE:
+        raise ValueError(f"share must be from 0 to {LARGEST_SHARE:g}, got {share:g}")
     with Diagram("m_blue", rate=200) as diagram:
         legs = {side: leg(side, first, mass) for side, first in zip(SIDES, (1, 3))}
         walking = walk({side: own.gait for side, own in legs.items()})
@@ -58,11 +61,10 @@ def build(controller="energy", mass=70.0, share=0.15, assistance=1.0):
         for side, own in legs.items():
             with subsystem(side):
                 if controller == "energy":
-                    torques = shaped(own, mass, share)
+                    torques, enabled = shaped(own, mass, share), active
                 else:
-                    torques = profiles(own.gait, assistance)
+                    torques, enabled = profiles(own.gait, assistance), walking
                 for joint, torque in torques.items():
-                    enabled = active if controller == "energy" else walking
                     assist(own.drives[joint], torque, enabled, own.gait, slew=200.0)
         thighs = rates({side: own.thigh for side, own in legs.items()})
         placed("thigh IMUs", thighs, "hip drives", rates({side: own.drives["hip"] for side, own in legs.items()}))
@@ -106,7 +108,7 @@ def shaped(leg, mass, share):
     posture = stack(Sin()(thigh), Sin()(Sum("+-", name="shank_pitch")(thigh, knee)), Sin()(knee), 1.0)
     stance, swing = (MatrixGain(weights, unit="N·m/kg")(posture) for weights in (STANCE, SWING))
     normal = swing + leg.load * (stance - swing)
-    torques = Gain(Live(share * mass, min=0.0, max=0.3 * mass), unit="kg", name="shaped_torque")(normal)
+    torques = Gain(Live(share * mass, min=0.0, max=LARGEST_SHARE * mass), unit="kg", name="shaped_torque")(normal)
     return {joint: torques[number] for number, joint in enumerate(PROFILES)}
 
 
