@@ -119,17 +119,18 @@ def _dot(a, b):
     return a.real * b.real + a.imag * b.imag
 
 
-def amputee(robot, speed="1.2", mass=70.0, height=1.7, person=0, seed=0):
+def amputee(robot, speed="1.2", mass=70.0, height=1.7, person=0, seed=0, recording=""):
     """Return the plant: an adult who wears the robot on one side.
 
     speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"
     mass, height : kg, m
     person : 0 for the average adult, or the number of another
+    recording : path of a recorded motion, as in Walker, instead of speed and person
     """
     [side] = {block.path.partition("/")[0] for block in robot if block.path.endswith("/knee")}
     with Diagram("amputee", rate=5 * robot.rate) as plant:
         schedule = speed if ":" in str(speed) else f"0:0 0.5:0 2:{speed}"
-        motion = Walker(schedule, mass=mass, height=height, person=person, seed=seed)()._asdict()
+        motion = Walker(schedule, mass=mass, height=height, person=person, seed=seed, recording=recording)()._asdict()
         thigh, shank, force = (motion[f"{side}_{name}"] for name in ("thigh_motion", "shank_motion", "ground_force"))
         with subsystem(side):
             leg = LowerLeg(mass=mass, height=height, name="lower_leg")

@@ -47,10 +47,10 @@ STATES = {
     "standing": ((1.65, 0.05, 10.0), (1.5, 0.055, 2.0)),
 }
 TRANSITIONS = [  # load in body weights, angles in rad, velocities in rad/s
-    ("early_stance", "late_stance", "ankle > 0.12 and ankle_velocity > 0.2 and load > 0.25"),
+    ("early_stance", "late_stance", "ankle > 0.12 and ankle_velocity > 0.2 and load > 0.25 and time_in_state > 0.1"),
     ("early_stance", "early_swing", "load < 0.02 and time_in_state > 0.2"),
     ("early_stance", "standing", "time_in_state > 1"),
-    ("late_stance", "early_swing", "load < 0.15 and time_in_state > 0.1"),
+    ("late_stance", "early_swing", "load < 0.15"),
     ("late_stance", "standing", "time_in_state > 1"),
     ("standing", "early_swing", "load < 0.02"),
     ("early_swing", "early_stance", "load > 0.4 and time_in_state > 0.1"),

@@ -117,6 +117,21 @@ def measure(robot, file, spans, settings=()):
     return rows
 
 
+def bearing(robot, file, spans, settings=()):
+    """Return {motion: (knee flexion under 0.4 body weights, at most, in °, lowest hips in mm)} of a prosthesis."""
+    end = max(end for _, end in spans.values())
+    chosen = {"recording": str(file), **dict(settings)}
+    trial = runtime.run(path(robot), end, settings=chosen, plant_signals="*/lower_leg.drop")
+    assert trial.fault is None, (robot, trial.fault)
+    rows = {}
+    for motion, (begin, end) in spans.items():
+        inside = (trial.time >= begin) & (trial.time < end)
+        loaded = inside & (trial["left/load.y"] > 0.4)
+        knee = np.degrees(trial["left/knee.position"][loaded].max(initial=0.0))
+        rows[motion] = knee, 1e3 * trial["plant/left/lower_leg.drop"][inside].min()
+    return rows
+
+
 def table(rows):
     """Return the rows of `measure` as a table."""
     lines = ["| motion | s | torque acts, s | work on the wearer, J |", "|---|--:|--:|--:|"]

@@ -68,6 +68,13 @@ def work(robot):
 def behaviour(robot):
     """Return the table of what a robot does in motions other than walking forward."""
     with tempfile.TemporaryDirectory() as folder:
+        if robot in PROSTHESES:
+            rows = motions.bearing(robot, *motions.write(Path(folder)))
+            lines = [f"| {motion} | {knee:.0f}° | {-drop:.0f} mm |" for motion, (knee, drop) in rows.items()]
+            head = "| motion | knee under 0.4 body weights, at most | hips lower by at most |\n|---|--:|--:|\n"
+            return "A [recording](../reference/gait.md#direction) of several motions as the wearer:\n\n" + (
+                head + "\n".join(lines) + "\n"
+            )
         rows = motions.measure(robot, *motions.write(Path(folder)))
     return (
         "A [recording](../reference/gait.md#direction) of several motions as the wearer: time with a torque above\n"
@@ -91,8 +98,7 @@ def run(robot, settings):
 def write(robot):
     """Write the page of a robot."""
     parts = [head(robot)]
-    parts += [work(robot)] if robot not in SUITS else []
-    parts += [behaviour(robot)] if robot not in (*SUITS, *PROSTHESES) else []
+    parts += [work(robot), behaviour(robot)] if robot not in SUITS else []
     (FOLDER / f"{robot}.md").write_text("\n".join(parts))
 
 
