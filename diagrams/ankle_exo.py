@@ -18,7 +18,7 @@ is limited to what the drive can repeat in every stride: 50 N·m, or 30 N·m wit
 
 from blocks.gait import BiologicalTorque, PeakProfile
 from blocks.limiters import Saturation
-from blocks.mathematics import Gain, Max
+from blocks.mathematics import Gain, Max, Min
 from blocks.recorders import CsvRecorder
 from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
@@ -51,7 +51,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
             with subsystem(side):
                 thighs[side], shanks[side] = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
                 torque = leg_torque("ankle", flexion("knee", thighs[side], shanks[side]), thighs[side], mass)
-                bounds[side] = BiologicalTorque(0.5, delay=0.0, name="bound")(torque)
+                bounds[side] = Min()(BiologicalTorque(0.5, delay=0.0, name="bound")(torque), 0.0)
                 soles[side] = insole(side).load
                 loads[side] = Saturation(0.0, 1.0, name="load")(soles[side] / FULL_LOAD)
                 cell = NAU7802(
