@@ -13,10 +13,7 @@ from graph import Block, Diagram, Input, Output, Param, subsystem
 
 STEPS = 4  # of the integration per tick
 GROUND, RESTITUTION, FRICTION, GRIP, SLIDE = 25e3, 3.0, 0.8, 20e3, 150.0  # N/m, s/m, 1, N/m, N·s/m
-HIPS, YIELD = (
-    12e3,
-    3000.0,
-)  # N/m, N·s/m: stiffness and damping of the sound leg and the trunk against a drop of the hips
+HIPS, YIELD = 12e3, 3000.0  # N/m, N·s/m, of the sound leg and the trunk against a drop of the hips
 SHANK, FOOT = (3.0, 0.14, 0.05), (1.2, 0.05, -0.04, 0.006)  # kg, m from the joint (the foot's forward, up), kg·m²
 ROTOR = 0.03  # kg·m², inertia of each drive at its joint
 STOP, STRAIGHT = (2000.0, 20.0), -0.03  # N·m/rad and N·m·s/rad beyond a straight knee, rad

@@ -14,6 +14,7 @@ import pytest
 from runtime.host.ending import ENDING_SIGNALS, Interrupted, raise_if_ended_by_signal
 from tests.runtime.runs import ROOT, descendant, environment, finished, knee, started, write
 from tests.runtime.terminals import patient
+from tests.soaking import soaked
 
 LIMIT, LIMIT_BUSY = 0.15, 1.0  # s from a signal to the end of the command: at most 0.125 s on a slow machine; when busy
 PROMPT = 5.0  # s of a command that ends, of the hour that it would take, on a machine however busy
@@ -272,7 +273,7 @@ STARTS = ("check", "run", "rate", "bench", "plot", "convert")
 
 @pytest.mark.timing
 @pytest.mark.parametrize("starts", [2, pytest.param(40, marks=pytest.mark.soak)])
-@pytest.mark.parametrize("command", STARTS)
+@pytest.mark.parametrize("command", soaked(STARTS, but=[0, 1]))
 def test_a_signal_at_any_time_of_the_start_ends_the_command(recording, tmp_path, command, starts):
     path, draw = knee(tmp_path), random.Random(STARTS.index(command))
     arguments = {

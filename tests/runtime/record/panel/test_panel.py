@@ -125,7 +125,7 @@ def test_pages_that_leave_before_the_answer_do_not_fill_the_mailbox(tmp_path):
 @pytest.mark.timing
 def test_stop_of_a_page_begins_within_20_ms(tmp_path):
     times = []
-    for _ in range(5):
+    for _ in range(3):
         with running(tmp_path) as run:
             page, shared = run.page(), shared_state_of(run.process.pid)
             page.until(lambda: page.frames and page.frames[-1][0] > 20)
@@ -136,7 +136,7 @@ def test_stop_of_a_page_begins_within_20_ms(tmp_path):
             times.append(time.monotonic() - began)
             run.end()
         shutil.rmtree(run.files.folder)
-    assert sorted(times)[2] < 0.02
+    assert sorted(times)[1] < 0.02
 
 
 @pytest.mark.hazard("H1k")

@@ -15,6 +15,7 @@ import pytest
 from blocks.sensors import Insole
 from graph import Diagram, compile
 from runtime.host.errors import BAD_INPUT, OK
+from runtime.robot.emulation.priority import take_priority
 from runtime.robot.rig.file import read
 from runtime.robot.rig.overrides import override
 from tests.blocks.actuators.wire import TAKEN, Wired
@@ -88,6 +89,7 @@ def lab(tmp_path):
     speaks.set()
 
     def speak():
+        take_priority()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bridge:
             number = 0
             while speaks.is_set():
