@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 from collections.abc import Sequence
@@ -40,7 +41,7 @@ example:
 """
 OTHERS = ("no_record", "report", "profile")  # options of `run` that do not apply
 SETTLE, MEASURE = 60.0, 120.0  # s
-GENERATIONS = 4
+GENERATIONS, REST = 4, 5.0  # min
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -70,9 +71,29 @@ def main(arguments: Sequence[str]) -> int:
     own.add_argument(
         "--strides", metavar="SIGNAL", help="average a signal over whole strides of this gait phase, from 0 to 1"
     )
+    add_number(
+        own,
+        "--noise",
+        "percent of the cost",
+        "PERCENT",
+        "standard deviation of one measurement, for the forecast of what the protocol resolves (default: that of a "
+        "cart; without a forecast for other costs)",
+        maximum=100.0,
+    )
+    own.add_argument("--plan", action="store_true", help="print the duration and the forecast, and end")
     own.add_argument("--optimiser", default="cma", metavar="NAME", help="cma (default), bayesian or random")
     add_count(own, "--population", "evaluations of a generation (default: the optimiser's own)", minimum=2)
     add_count(own, "--generations", "number of generations", default=GENERATIONS)
+    add_count(
+        own,
+        "--reference",
+        "evaluations between two measurements of the initial parameters, from which drift is taken out; 0 for none "
+        "(default: a generation)",
+        minimum=0,
+    )
+    add_number(own, "--rest-every", "minutes", "MIN", "walking between two rest breaks (default: no breaks)")
+    add_number(own, "--rest", "minutes", "MIN", "duration of a rest break", default=REST)
+    add_number(own, "--walking-limit", "minutes", "MIN", "walking after which no measurement begins (default: none)")
     own.add_argument(
         "--largest-step",
         action="append",
@@ -107,6 +128,8 @@ def main(arguments: Sequence[str]) -> int:
     add_options(parser, Request, *(name for name in fields_of(Request) if name not in OTHERS), in_sections=True)
     options = parser.parse_args(arguments)
     request = instance(Request, options)
+    if options.plan:
+        return planned(request, options)
     if options.fast:
         if request.duration is not None:
             raise BadInput("--duration and --fast exclude each other here: the optimisation decides when the run ends")
@@ -169,12 +192,14 @@ def plan_of(options: Namespace, schedule: Schedule, recorded: Sequence[Column], 
         "seed": options.optimiser_seed,
         "population": options.population,
         "zero": [list(pair) for pair in zero],
+        "reference": options.reference,
     }
     state = state_file.first(about, parameters) if options.resume is None else state_file.read(options.resume, about)
     return {
         "state": state,
         "cost": cost,
         "zero": zero,
+        "noises": noises(options, cost),
         "generations": options.generations,
         "settings": {
             "settle": options.settle,
@@ -183,9 +208,39 @@ def plan_of(options: Namespace, schedule: Schedule, recorded: Sequence[Column], 
             "attended": attended,
             "validations": options.validate,
             "zero": bool(zero),
+            "reference": options.reference,
+            "rest_every": 60.0 * (options.rest_every or math.inf),
+            "rest": 60.0 * options.rest,
+            "walking_limit": 60.0 * (options.walking_limit or math.inf),
             "seed": options.optimiser_seed,
         },
     }
+
+
+def noises(options: Namespace, cost: dict[str, Any]) -> list[float]:
+    """Return the standard deviations of one measurement, relative to the cost, for the forecast."""
+    from runtime.experiments.optimisation.metabolic import expected_noise
+
+    if options.noise is not None:
+        return [options.noise / 100.0]
+    if cost["kind"] == "cart":
+        return [expected_noise(options.settle, options.measure, cost["time_constant"])]
+    return []
+
+
+def planned(request: Request, options: Namespace) -> int:
+    """Print the duration of the protocol, and what it resolves. Returns the exit code."""
+    from runtime.experiments.optimisation.optimisers import restore_optimiser
+    from runtime.experiments.optimisation.planner import NOISES, expectation
+    from runtime.experiments.optimisation.protocol import Settings
+    from runtime.session.prepare import prepare
+
+    schedule = prepare(request).schedule
+    plan = plan_of(options, schedule, schedule.recorded, attended=True)
+    plan["noises"] = plan["noises"] or NOISES
+    settings = Settings.of(plan, restore_optimiser(plan["state"]["optimiser"]).population)
+    print_lines([*settings.schedule(), *expectation(plan)])
+    return OK
 
 
 def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:

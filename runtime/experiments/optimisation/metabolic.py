@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 TIME_CONSTANT = 42.0  # s, of the respiratory response to a change (Selinger & Donelan 2014, J Appl Physiol 117:1406)
 OXYGEN, CARBON_DIOXIDE = 16.58e3, 4.51e3  # J/L (Brockway 1987, Hum Nutr Clin Nutr 41C:463), without urinary nitrogen
 LOWEST_POWER, HIGHEST_POWER = 20.0, 3000.0  # W, of a living adult; other values are errors of the file or its units
+BREATH_PERIOD, BREATH_DEVIATION = 3.0, 0.10  # s, and of one breath relative to the power
 TRANSIENT_LIMIT = 0.02  # remainder of the transient below which the mean is the better estimate
 
 
@@ -70,6 +71,19 @@ def steady_state(
     variance = float(np.sum((y - model @ solution) ** 2)) / (len(y) - 2)
     covariance = np.linalg.inv(model.T @ model)
     return Estimate(float(solution[0]), math.sqrt(variance * covariance[0, 0]), len(y))
+
+
+def expected_noise(settle: float, measure: float, time_constant: float = TIME_CONSTANT) -> float:
+    """Return the standard error of `steady_state` relative to the power, of breaths of a typical scatter.
+
+    settle, measure : s after the change until the measurement, and its duration
+    """
+    t = settle + np.arange(0.5 * BREATH_PERIOD, max(measure, 4.0 * BREATH_PERIOD), BREATH_PERIOD)
+    remainder = np.exp(-t / time_constant)
+    if remainder.max() - remainder.min() < TRANSIENT_LIMIT:
+        return BREATH_DEVIATION / math.sqrt(len(t))
+    model = np.column_stack([np.ones_like(t), remainder])
+    return BREATH_DEVIATION * math.sqrt(np.linalg.inv(model.T @ model)[0, 0])
 
 
 def mean(values: Sequence[float] | np.ndarray) -> Estimate:

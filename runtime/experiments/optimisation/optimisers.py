@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.experiments.optimisation.estimate import fitted_minimum
+from runtime.experiments.optimisation.estimate import Fit, fitted
 from runtime.experiments.optimisation.parameters import Parameter, distinct
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
@@ -33,6 +33,8 @@ class Optimiser:
 
     asked : number of proposals
     told : [(values, cost)] in order
+    references : [(number of evaluations before, cost of the initial values)] in order, from which a drift of all costs
+        is estimated
     """
 
     name, package = "", ""  # of the optimiser, and the package that it needs
@@ -46,6 +48,7 @@ class Optimiser:
             raise BadInput(f"population = {population!r}: expected a whole number, 2 or more")
         self.seed = seed
         self.told: list[tuple[dict[str, float], float]] = []
+        self.references: list[tuple[int, float]] = []
         self.asked = 0
         self._asked_before: list[int] = []  # of each `tell`
         self._begin(np.random.default_rng(seed), population)
@@ -87,20 +90,39 @@ class Optimiser:
         """Number of complete generations."""
         return len(self.told) // self.population
 
-    def optimum(self) -> dict[str, float]:
+    def tell_reference(self, cost: float) -> None:
+        """Report the cost of the initial values at this place among the evaluations; NaN if it was not measured."""
+        self.references.append((len(self.told), float(cost)))
+
+    def fit(self) -> Fit | None:
+        """Return the quadratic function that is fitted to all costs so far; None if they do not determine a minimum."""
+        finite = [(place, values, cost) for place, (values, cost) in enumerate(self.told) if cost < math.inf]
+        if not finite:
+            return None
+        places, values, costs = zip(*finite)
+        return fitted(
+            np.array([[each.scaled(one[each.name]) for each in self.parameters] for one in values]),
+            np.array(costs),
+            np.array([each.scaled(each.start) for each in self.parameters]),
+            np.array(places) + 0.5,
+            np.array([pair for pair in self.references if math.isfinite(pair[1])]).reshape(-1, 2),
+        )
+
+    def optimum(self, fit: Fit | None = None) -> dict[str, float]:
         """Return the estimate of the optimum from all costs so far, {name: value}.
 
         It is the minimum of a quadratic fit. Before the costs determine one it is the best evaluation, and before the
         first cost the initial values.
+
+        fit : what `fit` has returned, if it was called
         """
-        finite = [(values, cost) for values, cost in self.told if cost < math.inf]
-        if not finite:
-            return {parameter.name: parameter.start for parameter in self.parameters}
-        points = [[parameter.scaled(values[parameter.name]) for parameter in self.parameters] for values, _ in finite]
-        minimum = fitted_minimum(np.array(points), np.array([cost for _, cost in finite]))
-        if minimum is None:
-            return dict(min(finite, key=lambda pair: pair[1])[0])
-        return {parameter.name: parameter.value(fraction) for parameter, fraction in zip(self.parameters, minimum)}
+        fit = fit or self.fit()
+        if fit is not None:
+            return {each.name: each.value(fraction) for each, fraction in zip(self.parameters, fit.minimum)}
+        values, cost = min(self.told, key=lambda pair: pair[1], default=(None, math.inf))
+        if values is None or cost == math.inf:
+            return {each.name: each.start for each in self.parameters}
+        return dict(values)
 
     def state(self) -> dict[str, Any]:
         """Return the state as plain data for JSON, from which `restored` continues with the same proposals."""
@@ -110,6 +132,7 @@ class Optimiser:
             "population": self.population,
             "parameters": [vars(parameter) for parameter in self.parameters],
             "told": [[asked, values, cost] for asked, (values, cost) in zip(self._asked_before, self.told)],
+            "references": [list(pair) for pair in self.references],
         }
 
     def _begin(self, source: np.random.Generator, population: int | None) -> None:
@@ -257,4 +280,5 @@ def restore_optimiser(state: Mapping[str, Any]) -> Optimiser:
         while optimiser.asked < asked:
             optimiser.ask()
         optimiser.tell(values, cost)
+    optimiser.references += [(place, math.nan if cost is None else cost) for place, cost in state["references"]]
     return optimiser

@@ -21,6 +21,7 @@ from runtime.experiments.optimisation.costs import CartCost, Cost, SignalCost, T
 from runtime.experiments.optimisation.live_robot import LiveRobot, Targets
 from runtime.experiments.optimisation.metabolic import Estimate
 from runtime.experiments.optimisation.optimisers import Optimiser, restore_optimiser
+from runtime.experiments.optimisation.planner import expectation
 from runtime.experiments.optimisation.protocol import BACKSPACE, HELP, NUMERALS, Protocol, Settings
 from runtime.experiments.optimisation.state_file import StateFile
 from runtime.host.child_process import ChildProcess
@@ -46,7 +47,8 @@ class OptimiserProcess(ChildProcess):
 
     shared : shared state of the run
     channel : file descriptor of its connection to the recorder
-    plan : dict for JSON: targets, state, settings, cost, conversion of the costs
+    plan : dict for JSON: state, cost, zero, generations, settings, and noises, the standard deviations of a measurement
+        relative to the cost for which the protocol is simulated before
 
     Raises BadInput if it cannot start: the optimiser's package is missing, the cart cannot be opened.
     """
@@ -161,11 +163,12 @@ class Companion:
             optimiser,
             self.robot,
             cost,
-            Settings(plan["generations"] * optimiser.population, **plan["settings"]),
+            Settings.of(plan, optimiser.population),
             self.report,
             self.save,
             plan["state"]["accepted"],
             [(name, Estimate(*numbers)) for name, numbers in plan["state"]["validated"]],
+            expectation(plan),
         )
 
     def run(self) -> None:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from runtime.experiments.optimisation.costs import Cost, Missing
+from runtime.experiments.optimisation.finding import DEVIATE, difference, finding, more
 from runtime.experiments.optimisation.metabolic import Estimate
 from runtime.experiments.optimisation.optimisers import Optimiser
 from runtime.experiments.optimisation.parameters import within_step
@@ -95,6 +96,9 @@ class Settings:
     attended : whether an operator can press keys
     validations : validation trials of each condition
     zero : whether "zero", without assistance, is one of their conditions
+    reference : evaluations between two measurements of the initial parameters, 0 without them
+    rest_every, rest : s of walking before each rest break, and its duration
+    walking_limit : s of walking, after which no measurement begins
     seed : seed of the order of the validation trials
     """
 
@@ -105,7 +109,43 @@ class Settings:
     attended: bool = True
     validations: int = 0
     zero: bool = False
+    reference: int = 0
+    rest_every: float = math.inf
+    rest: float = 0.0
+    walking_limit: float = math.inf
     seed: int = 0
+
+    @classmethod
+    def of(cls, plan: Mapping[str, Any], population: int) -> Settings:
+        """Return the settings of a plan of runtime.experiments.optimisation.process, by default with a reference
+        before each generation.
+
+        population : evaluations of a generation
+        """
+        given = plan["settings"]
+        reference = population if given["reference"] is None else given["reference"]
+        return cls(plan["generations"] * population, **{**given, "reference": reference})
+
+    @property
+    def duration(self) -> float:
+        """Duration of a measurement with its time to settle, in s."""
+        return self.settle + self.measure
+
+    def schedule(self, done: int = 0) -> list[str]:
+        """Return the line on the number and the duration of all measurements. done : number of those before"""
+        trials = self.evaluations + self.references(self.evaluations) + len(self.order()) - done
+        walking = trials * self.duration
+        text = f"{count(trials, 'measurement')} of {self.duration:g} s: {walking / 60.0:.0f} min"
+        if walking > self.rest_every:
+            breaks = math.ceil(walking / self.rest_every) - 1
+            text += f" of walking, and {count(breaks, 'rest break')} of {self.rest / 60.0:g} min"
+        if walking > self.walking_limit:
+            text += f"; the limit of {self.walking_limit / 60.0:g} min of walking allows fewer evaluations"
+        return [text]
+
+    def references(self, evaluations: int) -> int:
+        """Return how many reference measurements precede an evaluation, or the end. evaluations : number before it"""
+        return 1 + evaluations // self.reference if self.reference else 0
 
     def order(self) -> list[str]:
         """Return the conditions of the validation trials in a random order, each as often in each repetition."""
@@ -124,7 +164,9 @@ class Protocol:
     save : function that stores the state after each result
     accepted : last parameters whose cost was measured; None for the initial ones
     validated : [(condition, Estimate)] of the validation trials before
+    expectation : lines on what the protocol can resolve, which precede the first question
 
+    walked : s of walking since the first change: all time but that of rest breaks
     over : whether it has ended
     finished : whether it has ended with the last measurement
     question : number of the newest question to the operator; keys that were pressed before it was shown have no effect
@@ -140,6 +182,7 @@ class Protocol:
         save: Callable[[], None] = lambda: None,
         accepted: Mapping[str, float] | None = None,
         validated: list[tuple[str, Estimate]] | None = None,
+        expectation: Iterable[str] = (),
     ) -> None:
         self.optimiser, self.robot = optimiser, robot
         self.cost, self.settings = cost, settings
@@ -147,8 +190,10 @@ class Protocol:
         self.initial = {parameter.name: parameter.start for parameter in optimiser.parameters}
         self.accepted = dict(self.initial if accepted is None else accepted)
         self.validated = list(validated or ())
+        self.expectation = list(expectation)
         self.errors: list[float] = []  # standard errors of the costs measured here
         self.now, self.phase, self.until = 0.0, "start", math.inf
+        self.walked, self.rested, self.began, self.warned = 0.0, 0.0, False, False  # rested : walked at the last break
         self.title, self.text, self.entered = "", "", False
         self.over, self.finished = False, False
         self.question = 0
@@ -159,7 +204,13 @@ class Protocol:
 
     def step(self, now: float) -> bool:
         """Continue up to the next wait. now : s. Returns whether the optimisation has ended."""
+        if self.began and self.phase != "rest":
+            self.walked += now - self.now
         self.now = now
+        if self.walked >= self.settings.walking_limit and not self.warned:
+            self.warned = True
+            limit = f"the limit of {self.settings.walking_limit / 60.0:g} min of walking is reached"
+            self.report("limit", [f"{limit}. Let the wearer stop, then stop the robot with the space bar"])
         if not self.over:
             self.cost.take(now)
             try:
@@ -197,6 +248,7 @@ class Protocol:
         words = {
             "confirm": "y applies, n skips",
             "paused": "paused, p continues",
+            "rest": "rest, then y continues" if self.settings.attended else "rest",
             "type": f"type the cost, then Enter: {self.text}_",
         }
         return f"{self.title} {words.get(self.phase, self.phase)}{left}".strip()
@@ -240,6 +292,24 @@ class Protocol:
                 return
             self._look()
 
+    def _rest(self) -> Steps:
+        """Wait for a rest break if one is due; with an operator, until they press y after it."""
+        settings = self.settings
+        if self.walked - self.rested < settings.rest_every:
+            return
+        resume = self.now + settings.rest
+        self.rested = self.walked
+        then = "; then y: the wearer walks again" * settings.attended
+        self.report("rest", [f"rest break of {settings.rest / 60.0:g} min: the wearer stands or sits{then}"])
+        self._ask("rest")
+        self.until = resume
+        while self.now < resume or settings.attended and self._pressed != "y":
+            yield
+
+    def _affords(self, measurements: int) -> bool:
+        """Return whether a number of measurements would end within the limit of walking."""
+        return self.walked + measurements * self.settings.duration <= self.settings.walking_limit
+
     def _ramp(self, values: Mapping[str, float], zero: bool = False) -> Steps:
         """Ramp to values, by no more than the largest step at a time."""
         while True:
@@ -278,8 +348,18 @@ class Protocol:
             yield
         yield from self._begin()
         evaluations = self.settings.evaluations
-        while len(self.optimiser.told) < evaluations:
-            number = len(self.optimiser.told) + 1
+        order = self.settings.order()
+        while True:
+            told = len(self.optimiser.told)
+            yield from self._references()
+            if told >= evaluations:
+                break
+            last = self.settings.references(told + 1) - len(self.optimiser.references)
+            if not self._affords(1 + last + len(order) - len(self.validated)):
+                limit = f"{self.settings.walking_limit / 60.0:g} min of walking"
+                self.report("limit", [f"the limit of {limit} ends the evaluations after {told} of {evaluations}"])
+                break
+            number = told + 1
             proposal = within_step(self.optimiser.parameters, self.accepted, self.optimiser.ask())
             self.title = f"{number}/{evaluations}"
             self.report(
@@ -298,8 +378,8 @@ class Protocol:
             best = min(range(number), key=lambda place: self.optimiser.told[place][1])
             lowest = f"; lowest {self.number(self.optimiser.told[best][1])} in evaluation {best + 1}"
             self.report_measurement(f"evaluation {number} of {evaluations}", estimate, number, lowest, values=proposal)
-        found = self.optimiser.optimum()
-        order = self.settings.order()
+        fit = self.optimiser.fit()
+        found = self.optimiser.optimum(fit)
         while len(self.validated) < len(order):
             number = len(self.validated) + 1
             condition = order[number - 1]
@@ -313,7 +393,8 @@ class Protocol:
             self.save()
             self.report_measurement(self.title, estimate, number, condition=condition)
         self.title = "found"
-        lines = [f"found: {self.values_text(found)}", *self.comparison()]
+        lines = [f"found: {self.values_text(found)}", *finding(self.optimiser, fit, self.robot.value_text, self.number)]
+        lines += self.comparison()
         self.report("found", lines, values=found)
         self.accepted = found
         yield from self._return()
@@ -326,25 +407,43 @@ class Protocol:
         which = f"after evaluation {told}" if told else "initial"
         self.title = "begin"
         settings = self.settings
-        trials = settings.evaluations + len(settings.order()) - told - len(self.validated)
-        lines = [
-            f"{count(trials, 'measurement')} of {settings.settle + settings.measure:g} s: "
-            f"{trials * (settings.settle + settings.measure) / 60.0:.0f} min",
-            f"{which} parameters: {self.values_text(self.accepted)}",
-        ]
+        done = told + len(self.optimiser.references) + len(self.validated)
+        lines = settings.schedule(done)
+        lines += self.expectation
+        lines.append(f"{which} parameters: {self.values_text(self.accepted)}")
         self.report("begin", lines + [HELP] * settings.attended, values=self.accepted)
         if self.settings.confirm:
             yield from self._insist_on_confirmation()
+        self.began = True
         yield from self._return()
+
+    def _references(self) -> Steps:
+        """Measure the cost of the initial parameters, where that is due."""
+        total = self.settings.references(self.settings.evaluations)
+        while len(self.optimiser.references) < self.settings.references(len(self.optimiser.told)):
+            number = len(self.optimiser.references) + 1
+            self.title = f"reference {number}/{total}"
+            if not self._affords(1 + len(self.settings.order()) - len(self.validated)):
+                return
+            self.report("reference", [f"{self.title}: the initial parameters"], number, values=self.initial)
+            estimate = (yield from self._evaluate(self.initial, False, number)) or Estimate(math.nan, math.nan, 0)
+            self.optimiser.tell_reference(estimate.value)
+            self.save()
+            self.report_measurement(self.title, estimate, number, step="reference measurement")
 
     def _evaluate(self, values: Mapping[str, float], zero: bool, number: int) -> Steps:
         """Ramp to values and measure their cost. Returns its Estimate; None if the operator has skipped it."""
         confirmed, failures = not self.settings.confirm, 0
+        yield from self._rest()
         while True:
             try:
                 if not confirmed:
                     yield from self._await_confirmation()
                 confirmed = True
+                if not self._affords(1):
+                    self.report("limit", [f"{self.title}: the limit of walking allows no measurement"], number)
+                    yield from self._return()
+                    return None
                 yield from self._ramp(values, zero)
                 self.report("change", [], number, values=values)
                 return (yield from self._measurement())
@@ -419,11 +518,13 @@ class Protocol:
         lines = [f"tickwork: {line}" for line in lines]
         self._report(step, lines, **({} if number is None else {"number": number}), **fields)
 
-    def report_measurement(self, title: str, estimate: Estimate, number: int, more: str = "", **fields: Any) -> None:
+    def report_measurement(
+        self, title: str, estimate: Estimate, number: int, rest: str = "", step: str = "measurement", **fields: Any
+    ) -> None:
         """Record a measurement."""
         self.report(
-            "measurement",
-            [f"{title}: {self.number(estimate.value, estimate.error)}{more}"],
+            step,
+            [f"{title}: {self.number(estimate.value, estimate.error)}{rest}"],
             number,
             cost=estimate.value,
             error=estimate.error,
@@ -450,10 +551,21 @@ class Protocol:
         )
 
     def comparison(self) -> list[str]:
-        """Return the lines on the validation trials: the mean of each condition."""
-        lines = []
+        """Return the lines on the validation trials: the mean of each condition, and whether they differ."""
+        lines, trials = [], {}
         for condition in dict.fromkeys(name for name, _ in self.validated):
-            costs = [each.value for name, each in self.validated if name == condition and math.isfinite(each.value)]
-            value = sum(costs) / len(costs) if costs else math.nan
-            lines.append(f"  {condition}: {self.number(value)}, {count(len(costs), 'validation trial')}")
+            estimates = [each for name, each in self.validated if name == condition and math.isfinite(each.value)]
+            trials[condition] = [(each.value, each.error) for each in estimates]
+            value = sum(each.value for each in estimates) / len(estimates) if estimates else math.nan
+            lines.append(f"  {condition}: {self.number(value)}, {count(len(estimates), 'validation trial')}")
+        found = trials.pop("found", [])
+        for condition, others in trials.items():
+            if not found or not others:
+                continue
+            change, error = difference(found, others)
+            text = f"  found less {condition}: {self.number(change, error)}"
+            if abs(change) < DEVIATE * error:
+                ratio = DEVIATE * error / abs(change) if change else math.inf
+                text += f"; not resolved: of each condition, {more(len(found), ratio, 'validation trial')}"
+            lines.append(text)
         return lines

@@ -1,12 +1,13 @@
 """State of an optimisation with a wearer as a JSON file, from which it continues.
 
-version     1
+version     2
 about       settings that a continued optimisation must share: diagram, over, cost, settle, measure, ...
-optimiser   state of the optimiser, with every cost
+optimiser   state of the optimiser, with every cost, and the costs of the reference
 errors      standard errors of these costs, null if unknown
 accepted    last parameters whose cost was measured
 validated   [[condition, [cost, standard error, samples]], ...] of the validation trials
 found       the optimum that the optimiser estimates
+intervals   {parameter: [low, high]}, in which it lies with a probability of 95 %; empty before a fit determines one
 finished    whether all measurements were made
 """
 
@@ -18,6 +19,7 @@ import os
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from runtime.experiments.optimisation.finding import intervals
 from runtime.host.errors import BadInput
 from runtime.record.recorder.report import PARTIAL, write_json
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from runtime.experiments.optimisation.parameters import Parameter
     from runtime.experiments.optimisation.protocol import Protocol
 
-VERSION = 1
+VERSION = 2
 
 
 class StateFile:
@@ -42,13 +44,15 @@ class StateFile:
 
     def save(self, protocol: Protocol) -> None:
         """Replace the file, so that it is complete whenever the computer fails. Raises OSError."""
+        optimiser, fit = protocol.optimiser, protocol.optimiser.fit()
         self.state = {
             **self.state,
-            "optimiser": protocol.optimiser.state(),
+            "optimiser": optimiser.state(),
             "errors": [*self.state["errors"], *protocol.errors],
             "accepted": protocol.accepted,
             "validated": [[name, [each.value, each.error, each.count]] for name, each in protocol.validated],
-            "found": protocol.optimiser.optimum(),
+            "found": optimiser.optimum(fit),
+            "intervals": intervals(optimiser.parameters, fit),
             "finished": protocol.finished,
         }
         protocol.errors.clear()
@@ -66,11 +70,13 @@ def first(about: dict[str, Any], parameters: Iterable[Parameter]) -> dict[str, A
             **{name: about[name] for name in ("optimiser", "seed", "population")},
             "parameters": [vars(parameter) for parameter in parameters],
             "told": [],
+            "references": [],
         },
         "errors": [],
         "accepted": None,
         "validated": [],
         "found": None,
+        "intervals": {},
         "finished": False,
     }
 

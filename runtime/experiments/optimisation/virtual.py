@@ -11,6 +11,7 @@ from runtime.experiments.optimisation.costs import SignalCost
 from runtime.experiments.optimisation.live_robot import Targets
 from runtime.experiments.optimisation.metabolic import Estimate
 from runtime.experiments.optimisation.optimisers import restore_optimiser
+from runtime.experiments.optimisation.planner import expectation
 from runtime.experiments.optimisation.protocol import Protocol, Robot, Settings
 from runtime.experiments.optimisation.recorder import SUFFIX
 from runtime.experiments.optimisation.state_file import StateFile
@@ -117,10 +118,11 @@ def protocol_of(run: SimulatedRun, plan: dict[str, Any], path: str) -> Protocol:
         optimiser,
         robot,
         SignalCost(cost["name"], cost["unit"], cost["time_constant"], len(cost["columns"]) > 1),
-        Settings(plan["generations"] * optimiser.population, **plan["settings"]),
+        Settings.of(plan, optimiser.population),
         lambda step, lines, **fields: print_to_stderr(lines),
         lambda: file.save(protocol),
         state["accepted"],
         [(name, Estimate(*numbers)) for name, numbers in state["validated"]],
+        expectation(plan),
     )
     return protocol

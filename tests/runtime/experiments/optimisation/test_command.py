@@ -16,7 +16,7 @@ from tests.runtime.terminals import Terminal, patient
 
 OVER = ("--over", "profile.peak=4:12", "--over", "profile.timing=0.4:0.6")
 COST = ("--cost", "signal:wearer.power")
-SHORT = ("--settle", "0.1", "--measure", "0.2", "--optimiser", "random", "--population", "2")
+SHORT = ("--settle", "0.1", "--measure", "0.2", "--optimiser", "random", "--population", "2", "--reference", "0")
 
 
 STATE = """{"finished": false, "errors": [0.1], "validated": [], "found": {"a": 1.0}, "optimiser": {"population": 2,
@@ -137,6 +137,20 @@ def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     assert code == 0 and json.loads(path.read_text())["optimiser"]["told"] == state["optimiser"]["told"]
     said = command_line.refused("optimise", *words, "--settle", 10, "--resume", path)
     assert "it was made with settle 60.0, now 10.0; zero [['*/profile.on', 'no']], now []" in said
+
+
+def test_plan_prints_duration_and_forecast_without_a_run(tmp_path, command_line):
+    profiles(tmp_path)
+    words = ("optimise", "profiles.py", *OVER, "--plan", "--validate", 2, "--rest-every", 30, "--generations", 2)
+    code, out, err = command_line(*words, "--cost", "metabolic.tsv", "--population", 4)
+    assert (code, err) == (0, "") and out.splitlines()[0] == (
+        "15 measurements of 180 s: 45 min of walking, and 1 rest break of 5 min"
+    )
+    assert "forecast, for a noise of 2.6 % in each measurement:\n  within 5 % of the lowest cost for " in out
+    assert "  2 validation trials of each condition resolve a difference of 5.1 %\n" in out
+    code, out, _ = command_line(*words, *COST, "--noise", 30, "--population", 4)
+    assert code == 0 and out.endswith("  measure longer, add generations, or vary fewer parameters\n")
+    assert not (tmp_path / "recordings").exists()
 
 
 def test_picture_that_cannot_be_written_does_not_hide_the_state_file(tmp_path):

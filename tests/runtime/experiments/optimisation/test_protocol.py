@@ -382,6 +382,61 @@ def test_continued_validation_measures_only_missing_trials():
     assert part.steps() == ["begin", "validation", "change", "measurement", "found"]
 
 
+def test_initial_parameters_are_measured_before_each_generation_and_survive_an_interruption():
+    experiment = Experiment(cma(1, population=4), evaluations=8, reference=4, validations=1).run()
+    assert experiment.events[0]["lines"][0] == "tickwork: 13 measurements of 150 s: 32 min"
+    steps = experiment.steps("measurement", "reference measurement")
+    kinds = [step == "measurement" for step in steps]
+    assert kinds == [False, *[True] * 4, False, *[True] * 4, False, True, True]
+    assert [place for place, _ in experiment.optimiser.references] == [0, 4, 8]
+    assert [cost for _, cost in experiment.optimiser.references] == pytest.approx([INITIAL] * 3, rel=2e-3)
+    assert experiment.last("proposal")["values"] == experiment.optimiser.told[-1][0]
+    state = json.loads(json.dumps(experiment.optimiser.state()))
+    assert restore_optimiser(state).references == experiment.optimiser.references
+    skipped = Experiment(evaluations=2, reference=2)
+    skipped.run(until=lambda: skipped.protocol.phase == "measure").press("n")
+    skipped.run()
+    assert [math.isnan(cost) for _, cost in skipped.optimiser.references] == [True, False]
+
+
+def test_a_rest_break_waits_for_its_time_and_the_operator_and_does_not_count_as_walking():
+    experiment = Experiment(evaluations=4, rest_every=290.0, rest=300.0)
+    experiment.run(until=lambda: experiment.protocol.phase == "rest")
+    begun, walked = experiment.wearer.time, experiment.protocol.walked
+    assert len(experiment.optimiser.told) == 2 and walked == pytest.approx(303.0, abs=8.0)
+    assert experiment.last("rest")["lines"] == [
+        "tickwork: rest break of 5 min: the wearer stands or sits; then y: the wearer walks again"
+    ]
+    experiment.press("y")  # too early
+    experiment.run(700.0)
+    assert experiment.protocol.phase == "rest" and experiment.protocol.walked == walked
+    assert experiment.protocol.status == "3/4 rest, then y continues 0 s"
+    experiment.press("y")
+    experiment.run(until=lambda: len(experiment.optimiser.told) == 3)
+    assert experiment.wearer.time - begun > 840.0
+    unattended = Experiment(evaluations=4, rest_every=290.0, rest=300.0, attended=False).run()
+    assert unattended.steps("rest") == ["rest"] and unattended.protocol.finished
+
+
+@pytest.mark.hazard("H16b")
+def test_no_measurement_begins_that_would_exceed_the_limit_of_walking():
+    experiment = Experiment(evaluations=20, reference=3, validations=1, walking_limit=1800.0).run()
+    assert experiment.events[0]["lines"][0].endswith("; the limit of 30 min of walking allows fewer evaluations")
+    told = len(experiment.optimiser.told)
+    assert experiment.last("limit")["lines"] == [
+        f"tickwork: the limit of 30 min of walking ends the evaluations after {told} of 20"
+    ]
+    assert 5 <= told <= 7 and len(experiment.protocol.validated) == 2 and experiment.protocol.finished
+    assert 1500.0 < experiment.protocol.walked <= 1800.0
+    waiting = Experiment(evaluations=1, confirm=True, walking_limit=200.0).run(100.0)
+    waiting.press("y")
+    waiting.run(300.0)  # the proposal waits for the operator while the wearer walks
+    assert waiting.last("limit")["lines"][0].startswith("tickwork: the limit of 3.33333 min of walking is reached. Let")
+    waiting.press("y")
+    waiting.run(300.0)
+    assert waiting.optimiser.told == [] and waiting.protocol.over
+
+
 def test_signal_cost_is_mean_over_whole_strides():
     cost = SignalCost("left/knee.power", "W", strides=True)
     for time in np.arange(0.0, 20.0, 0.01):
