@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code of the run, as in runtime.record.report.summary.exit_code."""
+    from runtime.record.recorder import await_files
     from runtime.record.report import summary
 
     result = carry_out(parse_run(arguments))
@@ -32,6 +33,8 @@ def main(arguments: Sequence[str]) -> int:
         print_lines(profile_lines(result))
     if not result.outcome.faulted and result.request.report is None:
         print_lines(summary.hints(result, program()))
+    sys.stdout.flush()
+    await_files(result.recording)
     return summary.exit_code(result.outcome, summary.unsaved_in_words(result))
 
 

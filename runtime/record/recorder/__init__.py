@@ -37,6 +37,18 @@ ABANDON_TIMEOUT = 0.03  # s for the recorder to remove its files and end; it doe
 REMEDY = "complete its .mcap file with `convert FILE.mcap --to mcap`"
 
 
+def await_files(report: dict[str, Any], timeout: float = 60.0) -> None:
+    """Wait until the files of a report are complete: a process may still draw a picture. timeout : s"""
+    with suppress(OSError):  # it has ended
+        descriptor = os.pidfd_open(report.get("completing") or -1)
+        try:
+            poll = select.poll()
+            poll.register(descriptor, select.POLLIN)
+            poll.poll(timeout * 1e3)
+        finally:
+            os.close(descriptor)
+
+
 def can_ask() -> bool:
     """Return whether this process reads and writes a terminal, so that the operator can press keys."""
     descriptor = own_terminal()
@@ -120,7 +132,8 @@ class RecorderProcess(ChildProcess):
         """After shared.close(): wait until all is written, and return the report.
 
         The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
-        more: the content of the sidecar file. If the process has died or exceeds `timeout` s, `problems` states it
+        more: the content of the sidecar file; `completing` is the ID of a process that still completes files, or None.
+        If the process has died or exceeds `timeout` s, `problems` states it
         and `files` lists the files that it had opened.
         """
         try:

@@ -16,6 +16,7 @@ from cext.memory.shared_state import RECORD_CHANGE, RECORD_EVENT
 from cext.recording.ring_batch import Batch
 from runtime.host.console.styles import Console
 from runtime.host.live import table
+from runtime.host.system import name_process
 from runtime.record.recorder.plugins import LOGS, SERVICES
 from runtime.record.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
 from runtime.record.recorder.service import Service, takes
@@ -62,6 +63,7 @@ class Recording:
         self.about = {}
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
+        self.later: list[tuple[str, Callable[[], Any]]] = []  # what completes files after the report, by its service
         self.sinks, self.problems = {}, [*before["problems"]] if before else []
         self.say: Callable[[str], bool | None] = lambda line: None
         self.console = Console()
@@ -276,6 +278,10 @@ class Recording:
             together = [service for _, service in self.services if type(service) is kind]
             try:
                 result = kind.conclude(plan, together)
+                if "later" in result:
+                    self.later.append((kind.__name__, result.pop("later")))
+                    if self.plan["virtual"]:
+                        self.later.pop()[1]()
             except Exception as error:
                 self.problems.append(f"{kind.__name__}: {reason(error)}")
                 continue
@@ -290,6 +296,22 @@ class Recording:
                 self.files[self.sidecar] = remark_on(self.sidecar)
                 report["files"] = self.list_files()
         return report
+
+    def complete_later(self) -> int | None:
+        """Complete files in a new process, which no other one waits for. Returns its ID; None without such files."""
+        pid = os.fork() if self.later else None
+        if pid != 0:
+            return pid
+        try:
+            os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # others wait until pipes hang up
+            name_process("tickwork-draw")
+            for name, complete in self.later:
+                try:
+                    complete()
+                except Exception as error:
+                    self.say(f"tickwork recorder: {name}: {reason(error)}")
+        finally:
+            os._exit(0)
 
     def described_files(self) -> dict[str, str]:
         """Return {path: remark} of every file, the sidecar last."""

@@ -162,6 +162,9 @@ class Service:
     def conclude(cls, plan: Plan, services: list[Any]) -> dict[str, Any]:
         """Summarize all closed services of this class. Returns a dict for the report; its "files" as above.
 
+        Its "later" is a function that completes these files, such as pictures. A process of its own calls it after the
+        report; in virtual time the recorder does so before.
+
         plan : as above, with "stopped": whether a signal has ended the run, which must then end within 100 ms
         """
         return {}

@@ -133,7 +133,7 @@ def record(
     status.erase()
     if orphaned:
         terminal.say(orphan_line(report, cause_of_death(shared, plan["items"])))
-    answer(answers, report)
+    answer(answers, {**report, "completing": recording.complete_later()})
 
 
 def drain(

@@ -61,26 +61,31 @@ class StrideAverage(Service):
 
     @classmethod
     def conclude(cls, plan: Plan, services: list[Any]) -> dict[str, Any]:
-        """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W.
+        """Reserve one picture of all legs, which `later` draws after the report of the run.
 
-        Drawing takes a second or more. A run that a signal has ended therefore has no picture; `plot --strides` draws
-        the same.
+        Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W. A run that a signal has ended has no
+        picture; `plot --strides` draws the same.
         """
         results = [service.result for service in services]
         walked = [result for result in results if result["strides"]]
         if not walked or plan["folder"] is None or plan.get("stopped"):
             return {"strides": results}
-        from runtime.record.analysis.stride_picture import about_legs, by_joint, draw
-
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
-        try:
-            os.close(descriptor)
-            with replacement(path) as file:
-                draw(by_joint(walked), about_legs(plan["name"], walked), file)
-        except BaseException:
-            os.unlink(path)
-            raise
-        return {"strides": results, "files": {path: "the average stride of " + ", ".join(r["title"] for r in walked)}}
+        os.close(descriptor)
+
+        def draw():
+            from runtime.record.analysis import stride_picture  # imports matplotlib
+
+            try:
+                with replacement(path) as file:
+                    about = stride_picture.about_legs(plan["name"], walked)
+                    stride_picture.draw(stride_picture.by_joint(walked), about, file)
+            except BaseException:
+                os.unlink(path)
+                raise
+
+        note = "the average stride of " + ", ".join(each["title"] for each in walked)
+        return {"strides": results, "files": {path: note}, "later": draw}
 
 
 SERVICE = StrideAverage

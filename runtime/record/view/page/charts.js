@@ -310,6 +310,7 @@ export class StrideChart {
     return {
       begin: 0, end: 100, range: this.range, yLabel: `${capital(this.title)}${this.curves[0].shown ? ` (${this.curves[0].shown})` : ""}`, xLabel: "gait cycle (%)",
       xValues: (ticks) => ticks.map(String), steps: [20], lines: [], gaps: [], limits: [], zero: true,
+      toeOffs: this.toeOffs,
       curves: this.curves.map((curve) => ({
         name: curve.name, place: curve.place, trace: (pen, x, y) => mean(pen, curve, x, y), band: (pen, x, y) => band(pen, curve, x, y),
       })),

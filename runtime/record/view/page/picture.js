@@ -97,6 +97,8 @@ function plot(figure, left, top, width, head, labelled, number) {
     out.push(`<rect x="${round(x(from))}" y="${round(top)}" width="${round(Math.max(1, x(to) - x(from)))}" height="${PLOT}" fill="${FAULT}" fill-opacity="0.15"/>`);
   if (figure.zero) line(left, y(0), left + width, y(0), SOFT, 'stroke-width="0.5"');
   for (const limit of figure.limits) line(left, y(limit), left + width, y(limit), SOFT, 'stroke-width="0.6" stroke-dasharray="4 3"');
+  for (const { at, place } of figure.toeOffs || [])
+    line(x(100 * at), top, x(100 * at), top + PLOT, LIGHT[place % LIGHT.length], 'stroke-width="0.6" stroke-dasharray="1 2"');
   for (const { time, kind } of figure.lines)
     line(x(time), top, x(time), top + PLOT, COLOURS[kind], `stroke-width="${kind === "fault" ? 1.2 : 0.6}"${kind === "fault" ? "" : ' stroke-dasharray="3 2"'}`);
   figure.curves.forEach((curve, order) => {

@@ -1,5 +1,6 @@
 """The average stride, against closed forms."""
 
+import json
 import math
 import os
 import signal
@@ -10,7 +11,7 @@ from blocks.recorders import StrideReport
 from cext.memory.shared_state import SharedState
 from cext.recording.ring_batch import Batch
 from runtime.record.analysis.average_stride import CURVES, resample
-from runtime.record.recorder import RecorderProcess
+from runtime.record.recorder import RecorderProcess, await_files
 from runtime.record.recorder.services.strides import StrideAverage
 from tests.runtime.record.recorder.processes import writers
 from tests.runtime.record.recorder.running import STRIDES, columns, plan, record, row, sink
@@ -155,6 +156,20 @@ def test_both_legs_make_one_picture(tmp_path):
     assert {"path": str(picture), "note": "the average stride of left, right"} in report["files"] and report[
         "problems"
     ] == []
+
+
+def test_the_report_of_a_run_in_real_time_does_not_wait_for_the_picture(tmp_path):
+    (tmp_path / "killed").mkdir()
+    report = both(tmp_path / "killed", walk(5), virtual=False)
+    os.kill(report["completing"], signal.SIGKILL)  # while it imports Matplotlib
+    await_files(report)
+    sidecar = json.loads((tmp_path / "killed/bench_1.json").read_text())
+    assert sidecar["ended"] == "ok" and [leg["strides"] for leg in sidecar["strides"]] == [4, 4]
+    assert report["problems"] == [] and (tmp_path / "killed/bench_1.png").stat().st_size == 0
+    report = both(tmp_path, walk(5), virtual=False)
+    await_files(report)
+    assert (tmp_path / "bench_1.png").stat().st_size > 30_000
+    assert {"path": str(tmp_path / "bench_1.png"), "note": "the average stride of left, right"} in report["files"]
 
 
 def test_run_that_a_signal_ends_reports_strides_and_draws_no_picture(tmp_path):

@@ -23,6 +23,13 @@ SAVED = """(() => { const made = URL.createObjectURL; window.saved = null; URL.c
     const reader = new FileReader(); reader.onload = () => { window.saved = reader.result; };
     reader.readAsDataURL(file); return made.call(URL, file); }; })()"""
 
+# the picture of a plot over the gait cycle whose foot lifts at 62 %
+TOE_OFF = """Promise.all([import('./charts.js'), import('./picture.js')]).then(([{ StrideChart }, { svg }]) => {
+  const curves = [{ name: 'x', mean: [0, 1], sd: [0, 0], place: 0, shown: '' }];
+  const chart = { range: [0, 1], title: 't', toeOffs: [{ at: 0.62, place: 1 }], curves };
+  return svg([StrideChart.prototype.figure.call(chart)], { width: 85 });
+})"""
+
 
 @pytest.fixture(scope="module")
 def trials(tmp_path_factory):
@@ -133,6 +140,10 @@ def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, t
         table = tab.text(".leg table")
         assert "without" in table and re.search(r"Torque, peak\s+1\.00 ± 0\.00 N·m\s+5\.00 ± 0\.00 N·m", table), table
         assert b"assisted, " in saved(tab, "svg")
+        drawn = ElementTree.fromstring(tab.evaluate(TOE_OFF))
+        [line] = drawn.findall(".//{*}line[@stroke-dasharray='1 2']")
+        low, high = (float(tick.get("x1")) for tick in drawn.findall(".//{*}line[@stroke-width='0.6']")[0:6:5])
+        assert float(line.get("x1")) == pytest.approx(low + 0.62 * (high - low), abs=0.02)
         tab.evaluate(importlib.resources.files("axe_core_python").joinpath("axe.min.js").read_text())
         for width in (390, 1024, 1920):
             tab.look(width, dark=width == 1024)
