@@ -245,16 +245,23 @@ def planned(request: Request, options: Namespace) -> int:
 
 def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
     """Return the part of the plan on the cost. Raises BadInput."""
-    from runtime.experiments.optimisation.metabolic import TIME_CONSTANT
+    from runtime.experiments.optimisation.metabolic import TIME_CONSTANT, too_short
     from runtime.host.suggestions import suggestion
 
     kind, colon, name = options.cost.partition(":")
+    cart = options.cost != "typed" and not (colon and kind == "signal")
+    constant = options.time_constant or (TIME_CONSTANT if cart else None)
+    if constant is not None and too_short(options.settle, options.measure, constant):
+        raise BadInput(
+            f"--measure {options.measure:g}: too short to estimate the steady state of a response with a time constant "
+            f"of {constant:g} s: measure for {constant:g} s or longer"
+        )
     if kind != "signal" or not colon:
         if options.strides is not None:
             raise BadInput("--strides applies to --cost signal:NAME only")
         if options.cost == "typed":
             return {"kind": "typed"}
-        return {"kind": "cart", "name": options.cost, "time_constant": options.time_constant or TIME_CONSTANT}
+        return {"kind": "cart", "name": options.cost, "time_constant": constant}
     if options.strides is not None and options.time_constant is not None:
         raise BadInput("--strides and --time-constant exclude each other")
     columns = {column.path: column for column in recorded}
@@ -276,7 +283,7 @@ def live(request: Request, options: Namespace) -> int:
     """Optimise in real time. Returns the exit code of the run."""
     from runtime.cli.run import carry_out_session
     from runtime.experiments.optimisation.recorder import OptimisedRecorder
-    from runtime.record.recorder import can_ask
+    from runtime.record.recorder import await_files, can_ask
     from runtime.record.report import summary
     from runtime.session.prepare import prepare
     from runtime.session.session import Session
@@ -289,6 +296,7 @@ def live(request: Request, options: Namespace) -> int:
     result = carry_out_session(Session(prepared, print_to_stderr, recorder=recorder))
     print_lines(summary.summary(result))
     print_lines([*outcome(result.recording["state"]), *comparison(result, options.measure)])
+    await_files(result.recording)
     return summary.exit_code(result.outcome, summary.unsaved_in_words(result))
 
 

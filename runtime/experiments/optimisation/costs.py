@@ -7,7 +7,14 @@ import math
 import numpy as np
 
 from runtime.experiments.optimisation.cart import Cart
-from runtime.experiments.optimisation.metabolic import Estimate, mean, steady_state
+from runtime.experiments.optimisation.metabolic import (
+    HIGHEST_POWER,
+    LOWEST_POWER,
+    Estimate,
+    mean,
+    plausible,
+    steady_state,
+)
 from runtime.host.console.styles import count
 from runtime.host.errors import BadInput
 
@@ -147,7 +154,12 @@ class CartCost(Sampled):
     def fit(self, times: np.ndarray, rows: np.ndarray) -> Estimate:
         if len(times) < CART_SAMPLES:
             raise ValueError(f"{len(times)} valid samples, expected {CART_SAMPLES} or more{self.rejection()}")
-        return steady_state(times, rows[:, 0], self.time_constant)
+        estimate = steady_state(times, rows[:, 0], self.time_constant)
+        if not plausible(estimate.value):
+            raise ValueError(
+                f"an estimate of {estimate.value:.4g} W is outside the range of {LOWEST_POWER:g} to {HIGHEST_POWER:g} W"
+            )
+        return estimate
 
 
 class SignalCost(Sampled):

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 TIME_CONSTANT = 42.0  # s, of the respiratory response to a change (Selinger & Donelan 2014, J Appl Physiol 117:1406)
 OXYGEN, CARBON_DIOXIDE = 16.58e3, 4.51e3  # J/L (Brockway 1987, Hum Nutr Clin Nutr 41C:463), without urinary nitrogen
 LOWEST_POWER, HIGHEST_POWER = 20.0, 3000.0  # W, of a living adult; other values are errors of the file or its units
+NUMERICAL = 1e-9  # relative error of a fit
 BREATH_PERIOD, BREATH_DEVIATION = 3.0, 0.10  # s, and of one breath relative to the power
 TRANSIENT_LIMIT = 0.02  # remainder of the transient below which the mean is the better estimate
 
@@ -58,7 +59,7 @@ def steady_state(
     rates : rates at these times, such as the W of each breath
     time_constant : s; the rates after more than about four of them are averaged
 
-    Raises ValueError for fewer than three rates.
+    Raises ValueError for fewer than three rates, and for a steady state further from the rates than their range.
     """
     t, y = np.asarray(times, dtype=float), np.asarray(rates, dtype=float)
     if len(y) < 3:
@@ -70,7 +71,22 @@ def steady_state(
     solution = np.linalg.lstsq(model, y, rcond=None)[0]
     variance = float(np.sum((y - model @ solution) ** 2)) / (len(y) - 2)
     covariance = np.linalg.inv(model.T @ model)
+    low, high = float(y.min()), float(y.max())
+    if not abs(solution[0] - 0.5 * (low + high)) <= 1.5 * (high - low) + NUMERICAL * abs(high):
+        raise ValueError(
+            f"the steady state of the fit, {solution[0]:.4g}, is far outside the samples, {low:.4g} to {high:.4g}: "
+            "measure longer"
+        )
     return Estimate(float(solution[0]), math.sqrt(variance * covariance[0, 0]), len(y))
+
+
+def too_short(settle: float, measure: float, time_constant: float) -> bool:
+    """Return whether a measurement is too short for `steady_state`: while the response changes, below a time constant.
+
+    settle, measure, time_constant : s
+    """
+    change = math.exp(-settle / time_constant) - math.exp(-(settle + measure) / time_constant)
+    return measure < time_constant and change >= TRANSIENT_LIMIT
 
 
 def expected_noise(settle: float, measure: float, time_constant: float = TIME_CONSTANT) -> float:
@@ -78,7 +94,7 @@ def expected_noise(settle: float, measure: float, time_constant: float = TIME_CO
 
     settle, measure : s after the change until the measurement, and its duration
     """
-    t = settle + np.arange(0.5 * BREATH_PERIOD, max(measure, 4.0 * BREATH_PERIOD), BREATH_PERIOD)
+    t = settle + np.arange(0.5 * BREATH_PERIOD, measure, BREATH_PERIOD)
     remainder = np.exp(-t / time_constant)
     if remainder.max() - remainder.min() < TRANSIENT_LIMIT:
         return BREATH_DEVIATION / math.sqrt(len(t))

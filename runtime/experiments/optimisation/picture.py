@@ -1,4 +1,4 @@
-"""Picture of an optimisation: the cost and the parameters over the evaluations, and the optimum."""
+"""Picture of an optimisation: cost and parameters over the evaluations and over each other, and the optimum."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ def write(path: str) -> list[str]:
         state["found"],
         errors=state["errors"],
         validated=state["validated"],
+        intervals=state["intervals"],
     )
     with replacement(target, private) as file:
         picture.save(made, file)
@@ -57,60 +58,88 @@ def figure(
     title: str = "cost",
     errors: Sequence[float | None] = (),
     validated: Sequence[Any] = (),
+    intervals: Mapping[str, Sequence[float]] | None = None,
+    first: int = 1,
 ) -> Figure:
     """Return the figure of an optimisation.
 
-    values, costs : values and costs of each evaluation, in order; infinite and huge costs are left out
+    values, costs : values and costs of each evaluation, in order; those with an infinite or huge cost have failed
     population : evaluations in a generation
     optimum : drawn as lines, unless it is None
     title : title of the cost
     errors : standard errors of the costs, None if unknown
     validated : [(condition, [cost, ...])] of validation trials
+    intervals : {parameter: (low, high)} of the optimum
+    first : number of the first evaluation
     """
     made = picture.figure(WIDTH, COST_HEIGHT + ROW * len(parameters))
     heights = [COST_HEIGHT, *[ROW] * len(parameters)]
-    axes: Any = made.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    numbers = np.arange(1, len(costs) + 1)
-    draw_costs(axes[0], numbers, drawable(costs), errors, population)
-    draw_validation(axes[0], len(costs), validated)
-    axes[0].set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
-    for axis, parameter in zip(axes[1:], parameters):
-        axis.plot(numbers, [each[parameter.name] for each in values], "o", color=BLUE, markersize=4)
-        if optimum is not None:
-            axis.axhline(optimum[parameter.name], color=ORANGE, linewidth=1.5)
+    axes: Any = made.subplots(
+        len(heights), 2, sharex="col", sharey="row", squeeze=False, height_ratios=heights, width_ratios=[3, 1]
+    )
+    numbers, shown = first + np.arange(len(costs)), drawable(costs)
+    draw_costs(axes[0, 0], numbers, shown, errors, population)
+    draw_validation(axes[0, 0], numbers[-1], validated)
+    axes[0, 0].set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
+    axes[0, 1].legend(*axes[0, 0].get_legend_handles_labels(), loc="upper left", fontsize=8, frameon=False)
+    for (axis, beside), parameter in zip(axes[1:], parameters):
+        tried = np.array([each[parameter.name] for each in values])
+        for each, across in ((axis, numbers), (beside, shown)):
+            each.plot(across, tried, "o", color=BLUE, markersize=4)
+            if optimum is not None:
+                each.axhline(optimum[parameter.name], color=ORANGE, linewidth=1.5)
+            if parameter.name in (intervals or {}):
+                each.axhspan(*(intervals or {})[parameter.name], color=ORANGE, alpha=0.15, linewidth=0)
+        failed = ~np.isfinite(shown)
+        axis.plot(numbers[failed], tried[failed], "x", color=INK, markersize=6)
         margin = 0.05 * (parameter.high - parameter.low)
         axis.set_ylim(parameter.low - margin, parameter.high + margin)
         axis.set_ylabel(plain(short(parameter.name, NAME_LIMIT)), fontsize=9, color=INK)
-    for axis in axes:
+    for axis in axes.flat:
         picture.frame(axis)
         axis.tick_params(colors=INK, labelsize=8.5, length=3)
-        for first in range(population, len(costs) + 1, population):
-            axis.axvline(first + 0.5, color=GREY, linewidth=0.6, linestyle=":")
-    axes[-1].set_xlim(0.3, len(costs) + 0.7 + 3 * bool(validated))
-    axes[-1].set_xlabel("evaluation; dotted lines: generations; orange: optimum", fontsize=9, color=INK)
-    axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    made.align_ylabels()
+    axes[0, 1].set_axis_off()
+    for axis in axes[:, 0]:
+        for place in range(population, len(costs) + 1, population):
+            axis.axvline(first + place - 0.5, color=GREY, linewidth=0.6, linestyle=":")
+    axes[-1, 0].set_xlim(first - 0.7, numbers[-1] + 0.7 + 3.3 * bool(validated))
+    legend = "evaluation; dotted: generations; orange: optimum" + " and its interval" * bool(intervals)
+    axes[-1, 0].set_xlabel(legend, fontsize=9, color=INK)
+    axes[-1, 1].set_xlabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
+    axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[-1, 1].xaxis.set_major_locator(MaxNLocator(4))
+    made.align_ylabels(axes[:, 0])
     return made
 
 
 def draw_costs(
     axis: Axes, numbers: np.ndarray, costs: np.ndarray, errors: Sequence[float | None], population: int
 ) -> None:
-    """Plot the costs with their standard errors, and the median of each generation. NaN is left out."""
+    """Plot the costs with their standard errors, the median of each generation, and the lowest so far.
+
+    Evaluations whose cost is NaN are marked at the top.
+    """
     spread = [0.0 if error is None else error for error in errors] + [0.0] * (len(costs) - len(errors))
     axis.errorbar(numbers, costs, yerr=spread[: len(costs)], fmt="o", color=BLUE, markersize=4, linewidth=1.0)
-    for first in range(0, len(costs), population):
-        generation = costs[first : first + population]
+    for place in range(0, len(costs), population):
+        generation = costs[place : place + population]
         if np.isfinite(generation).any():
-            axis.plot([first + 0.6, first + len(generation) + 0.4], [np.nanmedian(generation)] * 2, color=BLUE)
+            ends = [numbers[place] - 0.4, numbers[place] + len(generation) - 0.6]
+            axis.plot(ends, [np.nanmedian(generation)] * 2, color=BLUE)
+    failed = ~np.isfinite(costs)
+    if not failed.all():
+        axis.step(numbers, np.fmin.accumulate(costs), where="post", color=GREEN, linewidth=1.0, label="lowest so far")
+    if failed.any():
+        top = [0.97] * int(np.sum(failed))
+        axis.plot(numbers[failed], top, "x", color=INK, transform=axis.get_xaxis_transform(), label="failed")
 
 
-def draw_validation(axis: Axes, count: int, validated: Sequence[Any]) -> None:
+def draw_validation(axis: Axes, last: int, validated: Sequence[Any]) -> None:
     """Plot the validation trials at the right, each condition in a colour."""
     for place, condition in enumerate(CONDITIONS):
         costs = [numbers[0] for name, numbers in validated if name == condition and numbers[0] is not None]
-        axis.plot([count + 1.5 + place] * len(costs), costs, "D", color=CONDITIONS[condition], markersize=5)
         if costs:
-            axis.lines[-1].set_label(condition)
-    if validated:
-        axis.legend(fontsize=8, title="validation", title_fontsize=8)
+            label = f"validation: {condition}"
+            axis.plot(
+                [last + 1.5 + place] * len(costs), costs, "D", color=CONDITIONS[condition], markersize=5, label=label
+            )

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from runtime.experiments.optimisation.description import Optimisation
+from runtime.experiments.optimisation.finding import at_bound
 from runtime.experiments.studies.result import StudyResult, read_table
 from runtime.host.console.styles import count
 from runtime.record.analysis.pictures import Pictures
@@ -41,9 +42,22 @@ class OptimisationResult(StudyResult):
         failed = int(np.sum(self.costs == math.inf))
         runs = count(len(self.study.runs()), "run")
         yield f"{count(len(self.costs), 'evaluation')} of {runs} each, {failed} failed"
+        if failed:
+            number, text = next(pair for pair in enumerate(self._reasons()) if pair[1])
+            yield f"  first failure: evaluation {number}: {text}"
         for title, number in (("initial", len(self.costs) - 1), ("lowest", self._best)):
             values = ", ".join(f"{name}={value:.6g}" for name, value in self.study.proposals[number].items())
             yield f"  {self.study.minimised}  {title:<7} {self.costs[number]:<12.6g} evaluation {number}: {values}"
+        for each in self.study.varied:
+            yield from at_bound(each, each.scaled(self.optimum[each.name]), lambda name, value: f"{value:.6g}")
+
+    def _reasons(self):
+        """Return why each evaluation failed, "" for one that has a cost."""
+        runs = len(self.study.runs())
+        for number, cost in enumerate(self.costs):
+            rows = range(number * runs, (number + 1) * runs)
+            texts = [self.columns["fault"][row] or self.columns["error"][row] or "" for row in rows]
+            yield next(filter(None, texts), "") if cost == math.inf else ""
 
     def plot(self) -> Pictures:
         """Return a picture of the costs and the parameters over the evaluations, which a notebook shows."""
@@ -56,7 +70,7 @@ class OptimisationResult(StudyResult):
         study, last = self.study, -2  # the estimate and the initial values belong to no generation
         costs = self.costs[:last].tolist()
         made = figure(
-            study.varied, study.proposals[:last], costs, study.population, self.optimum, title=study.minimised
+            study.varied, study.proposals[:last], costs, study.population, self.optimum, title=study.minimised, first=0
         )
         picture.save(made, file, kind)
 

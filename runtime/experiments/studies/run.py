@@ -101,7 +101,7 @@ def complete(
     ended = engine.run(missing)
     try:
         for number, row in enumerate(ended, 1):
-            if row["trial"] == 0 and row["error"] is not None:
+            if row["trial"] == 0 and row["error"] is not None and row["ticks"] == 0:
                 raise BadInput(failure_text(*missing[0], row["error"]))
             rows[row["trial"]] = row
             new.append(row)

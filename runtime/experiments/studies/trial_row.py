@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import traceback
 from collections.abc import Callable, Mapping
@@ -29,7 +30,7 @@ def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> d
     run : arguments of runtime.run
 
     After a fault, and where the run or an objective raises BadInput, the objectives are None, and `fault` or `error`
-    is the reason. Raises UserCodeError.
+    is the reason. `error` also names objectives that are not finite. Raises UserCodeError.
     """
     nothing = dict.fromkeys(objectives)
     try:
@@ -39,7 +40,9 @@ def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> d
             text = trial.fault["status"] + (f": {culprit}" if culprit else "")
             return {"ticks": len(trial), "fault": text, "error": None, **nothing}
         values = {name: _number(name, function(trial)) for name, function in objectives.items()}
-        return {"ticks": len(trial), "fault": None, "error": None, **values}
+        wrong = [f"{name} = {value}" for name, value in values.items() if not math.isfinite(value)]
+        reason = f"{', '.join(wrong)}: expected a finite number" if wrong else None
+        return {"ticks": len(trial), "fault": None, "error": reason, **values}
     except BadInput as error:
         return {"ticks": 0, "fault": None, "error": str(error), **nothing}
     except DiagramError as error:

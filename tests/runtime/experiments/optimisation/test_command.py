@@ -19,8 +19,9 @@ COST = ("--cost", "signal:wearer.power")
 SHORT = ("--settle", "0.1", "--measure", "0.2", "--optimiser", "random", "--population", "2", "--reference", "0")
 
 
-STATE = """{"finished": false, "errors": [0.1], "validated": [], "found": {"a": 1.0}, "optimiser": {"population": 2,
-"told": [[1, {"a": 1.0}, 3.0]], "parameters": [{"name": "a", "low": 0.0, "high": 2.0}]}}"""
+STATE = """{"finished": false, "errors": [0.1], "validated": [], "found": {"a": 1.0}, "intervals": {},
+"optimiser": {"population": 2, "told": [[1, {"a": 1.0}, 3.0]],
+"parameters": [{"name": "a", "low": 0.0, "high": 2.0}]}}"""
 
 
 class Recording(Files):
@@ -181,6 +182,8 @@ REFUSED = {
     (*OVER, "--largest-step", "profile.peak=x"): "--largest-step profile.peak=x: expected a number above 0",
     (*OVER, "--cost", "signal:wearer.powr"): "--cost signal:wearer.powr: there is no recorded signal 'wearer.powr'",
     (*OVER, "--strides", "left/profile.phase", "--time-constant", "42"): "--strides and --time-constant exclude each",
+    (*OVER, "--cost", "metabolic.tsv", "--measure", "5"): "--measure 5: too short to estimate the steady state of a "
+    "response with a time constant of 42 s: measure for 42 s or longer",
     (*OVER, "--cost", "metabolic.tsv", "--strides", "left/profile.phase"): "--strides applies to --cost signal:NAME",
     (*OVER, "--cost", "typed"): "--cost typed needs a terminal: standard input is not a terminal",
     (*OVER, "--zero", "*/profile.on=no"): "--zero needs --validate N: it is a condition of the validation trials",

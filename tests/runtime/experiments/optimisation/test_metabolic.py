@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from runtime.experiments.optimisation.metabolic import Estimate, mean, power, steady_state
+from runtime.experiments.optimisation.metabolic import Estimate, mean, power, steady_state, too_short
 
 
 def test_brockway_equation_gives_published_power_of_walking():
@@ -35,6 +35,19 @@ def test_standard_error_is_that_of_many_repetitions():
     assert np.mean(values) == pytest.approx(320.0, abs=2.0)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.12)
     assert np.std(values) < 0.06 * 320.0
+
+
+def test_a_steady_state_far_outside_the_rates_is_no_estimate():
+    t = np.arange(0.5, 5.0, 1.0)  # of a response with 42 s
+    with pytest.raises(
+        ValueError, match=r"the steady state of the fit, -[\d.]+, is far outside the samples, 380 to 420: meas"
+    ):
+        steady_state(t, 420.0 - 10.0 * (t - 0.5))
+
+
+def test_measurements_below_a_time_constant_are_too_short_unless_the_response_has_ended():
+    assert too_short(1.0, 5.0, 42.0) and too_short(60.0, 5.0, 42.0)
+    assert not too_short(1.0, 42.0, 42.0) and not too_short(200.0, 5.0, 42.0)
 
 
 def test_late_rates_are_averaged():

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.experiments.optimisation.costs import Cost, Missing, SignalCost, Typed
+from runtime.experiments.optimisation.cart import Cart
+from runtime.experiments.optimisation.costs import CartCost, Cost, Missing, SignalCost, Typed
 from runtime.experiments.optimisation.intervals import of_conditions
 from runtime.experiments.optimisation.metabolic import Estimate
 from runtime.experiments.optimisation.optimisers import Random, restore_optimiser
@@ -222,6 +223,15 @@ def test_lines_with_wrong_units_are_the_reason_of_a_missing_measurement():
         "no sample of metabolic.tsv for 30 s; 2 lines rejected, such as '10\\t5.5', whose 5.5 W is outside the range "
         "of 20 to 3000 W: compare the units of the header with the numbers"
     )
+
+
+@pytest.mark.hazard("H16d")
+def test_an_estimate_that_no_adult_has_is_a_missing_measurement():
+    cost = CartCost(Cart(lambda: b"", "metabolic.tsv"), 42.0)
+    for time in np.arange(1.0, 120.0, 3.0):
+        cost.add(time, 20.0 + 300.0 * math.exp(-time / 42.0) - 60.0 * -math.expm1(-time / 42.0))
+    with pytest.raises(Missing, match=r"metabolic.tsv: an estimate of -40 W is outside the range of 20 to 3000 W"):
+        cost.estimate(0.0, 0.0, 120.0)
 
 
 def test_silent_cart_ends_unattended_optimisation():

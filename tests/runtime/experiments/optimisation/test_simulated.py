@@ -113,8 +113,15 @@ def test_optimisation_does_not_continue_with_another_version_of_the_optimiser(co
 def test_evaluation_fails_without_a_number_from_each_of_its_runs(costs):
     result = optimise("sine_costs:partly", population=6)
     assert 0 < np.sum(result.costs == math.inf) < 12 and result.costs.min() < 1.0
-    assert next(result.summary()).endswith(f"{np.sum(result.costs == math.inf)} failed")
-    with pytest.raises(BadInput, match="no proposal of generation 0 has a cost .distance = inf.: correct the bounds"):
+    title, failure, *_ = result.summary()
+    first = int(np.flatnonzero(result.costs == math.inf)[0])
+    assert title.endswith(f"{np.sum(result.costs == math.inf)} failed")
+    assert failure == f"  first failure: evaluation {first}: distance = nan: expected a finite number"
+    assert [each is not None for each in result["error"]] == (result.costs == math.inf).tolist()
+    with pytest.raises(
+        BadInput,
+        match="no proposal of generation 0 has a cost .distance = inf: expected a finite number.: correct the bounds",
+    ):
         optimise("sine_costs:never")
     with pytest.raises(BadInput, match="trial 0 .*setting gian="):
         optimise(over={"gian": [0, 5], "sine.phase": [-1, 1]})
