@@ -94,7 +94,7 @@ class Integrator(Block):
 
     The state itself is limited, so the integral leaves a limit as soon as u changes sign: no windup. While `restart` is
     true the output is `initial`. dt is the actual time since the previous step, even after missed ticks. NaN persists
-    until a restart, and infinity becomes NaN.
+    until a restart, and infinity becomes NaN. `forward` makes an oscillation of a plant grow: use ContinuousIntegrator.
     """
 
     rules = ("lower <= initial <= upper",)

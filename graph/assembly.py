@@ -168,16 +168,24 @@ class Assembly:
         return None
 
     def update_steps(self) -> list[Step]:
-        """Return the steps of the update phase, those with the same rate and conditions together."""
+        """Return the steps of the update phase, those with the same rate and conditions together.
+
+        The integration of continuous states comes last: the others read the signals of the tick.
+        """
         steps = [
             self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None
         ]
         steps += [
             self.python_step(block, block.update, block.update_inputs(), {})
             for block in self.blocks
-            if block.has_python_update
+            if block.has_python_update and not block.continuous
         ]
-        return sorted(steps, key=lambda step: (step.every, step.conditions, step.kernel is None))
+        steps.sort(key=lambda step: (step.every, step.conditions, step.kernel is None))
+        if any(block.continuous for block in self.blocks):
+            from graph.continuous import integration
+
+            steps += integration(self)
+        return steps
 
     # Schedule
 

@@ -77,6 +77,7 @@ class Block:
     winds_up: tuple[str, ...] = ()  # outputs that integrate an error, and would do so beyond a limit behind them
     output_slew: Any = None  # fastest change of its output per second, where the block bounds it
     jit: bool = False  # compile the step to a kernel, where Numba is installed
+    continuous: bool = False  # has continuous states: graph/continuous.py
     compiled: bool = False  # the step has been compiled to a kernel
     diagram: Any = None
     path: str = ""

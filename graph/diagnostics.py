@@ -45,6 +45,7 @@ CODES = {
     "TW035": "limit on an assumed number",
     "TW036": "cap that cannot hold",
     "TW037": "unstable system",
+    "TW038": "continuous states in a robot",
 }
 
 

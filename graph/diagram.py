@@ -17,6 +17,7 @@ from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 from graph.names import check_name, count, snake_case, suggestion
 from graph.narrowing import is_tuple
 from graph.signal import Signal
+from graph.solvers import DEFAULT, SOLVERS
 
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
@@ -95,10 +96,12 @@ class Diagram:
 
     diagram["left/knee"] is the block at that path; iteration yields all blocks.
 
-    Raises DiagramError for a name that is not allowed and for a rate outside 0 to 1e9 Hz.
+    solver : method that integrates the continuous states of a plant: "euler", "heun", "rk4" or "dopri5"
+
+    Raises DiagramError for a name that is not allowed, for a rate outside 0 to 1e9 Hz and for an unknown solver.
     """
 
-    def __init__(self, name: str, rate: float) -> None:
+    def __init__(self, name: str, rate: float, solver: str = DEFAULT) -> None:
         check_name(name, caller())
         if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
             digits = repr_of(rate)
@@ -111,8 +114,12 @@ class Diagram:
                     where=caller(),
                 )
             )
+        if solver not in SOLVERS:
+            message = f"the solver must be one of {', '.join(SOLVERS)}, got {repr_of(solver)}"
+            raise DiagramError(Diagnostic("TW010", message, path=name, where=caller()))
         self.name: str = name
         self.rate: float = rate
+        self.solver = solver
         self.blocks: dict[str, Any] = {}  # by path
         self.wires: list[Wire] = []
         self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 
 CONVERSIONS = {"int", "round", "math.floor", "math.ceil", "math.trunc"}  # to an int: NaN raises in Python
+RATES = "slope[...]"  # item of the rates of change of a continuous block
 RAISED, NO_VALUE = 64, 65  # the kernels' own statuses, from cext.abi.FIRST_OWN_STATUS on; those of the ports follow
 
 
@@ -51,16 +52,16 @@ def available() -> bool:
 
 def compile_block(block: Block) -> None:
     """Compile the methods of a Python block to kernels. Raises CannotCompile if that is not possible."""
+    if block.continuous:
+        compile_derivative(block)
+        return
     block.reset()
     state = {
         name: value
         for name, value in vars(block).items()
         if type(value) in (float, int, bool) and is_state(block, name)
     }
-    ports = [*block.inputs.items(), *block.outputs.items()]
-    for name, port in ports:
-        if port.shape != ():
-            raise CannotCompile(f"{name} has shape {port.shape}: only scalar ports can be compiled")
+    check_scalars(block)
     items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed), *state]
     slots = {name: index for index, name in enumerate(items)}
     block.memory = {name: Memory(float(value), "state").named(name) for name, value in state.items()}
@@ -72,6 +73,22 @@ def compile_block(block: Block) -> None:
         block.settle_kernel = kernel_of(block, type(block).settle, slots, [])
     block.fault_text = partial(fault_text, block)
     block.compiled = True
+
+
+def compile_derivative(block: Any) -> None:
+    """Compile the derivative of a continuous block. Raises CannotCompile if that is not possible."""
+    check_scalars(block)
+    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed), RATES]
+    slots = {name: index for index, name in enumerate(items)}
+    kind: Any = type(block)
+    block.derivative_kernel = kernel_of(block, kind.derivative, slots, list(block.outputs))
+
+
+def check_scalars(block: Block) -> None:
+    """Raise CannotCompile for ports with a shape."""
+    for name, port in (*block.inputs.items(), *block.outputs.items()):
+        if port.shape != ():
+            raise CannotCompile(f"{name} has shape {port.shape}: only scalar ports can be compiled")
 
 
 def fault_text(block: Block, status: int) -> str:
@@ -162,7 +179,7 @@ class Rewriter(ast.NodeTransformer):
             value = f"arena[{CLOCK[name]}]"
             return ast.parse(f"{name} = int({value})" if name == "tick" else f"{name} = {value}").body
         value = f"arena[slots[{self.slots[name]}]]"
-        dtype = self.block.inputs[name].dtype
+        dtype = (self.block.inputs | self.block.outputs)[name].dtype
         if dtype == "float":
             return ast.parse(f"{name} = {value}").body
         converted = f"{value} != 0.0" if dtype == "bool" else f"int({value})"
@@ -220,10 +237,12 @@ class Rewriter(ast.NodeTransformer):
             assert value is not None
             number = ast.BinOp(value, ast.Mult(), ast.Constant(1.0))  # Numba has no float() of a bool
             stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], number))
-        for index, name in enumerate(self.outputs):
+        rates = self.slots.get(RATES)
+        for index, name in enumerate(self.outputs if rates is None else ()):
             stores += self.checks(name, f"result_{index}")
         for index, name in enumerate(self.outputs):
-            stores.append(ast.parse(f"arena[slots[{self.slots[name]}]] = result_{index}").body[0])
+            place = f"slots[{self.slots[name]}]" if rates is None else f"slots[{rates}] + {index}"
+            stores.append(ast.parse(f"arena[{place}] = result_{index}").body[0])
         return [*stores, ast.parse("return 0").body[0]]
 
     def visit_Name(self, node: Name) -> Name:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from graph.block import Sink
 from graph.compilation import Compilation
-from graph.device import Device
+from graph.device import Actuator, Device
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -55,6 +55,13 @@ def check_rates(compilation: Compilation) -> None:
             )
         if block.always:
             check_always(compilation, block)
+        if block.continuous and any(isinstance(device, Actuator) for device in compilation.devices):
+            compilation.report(
+                "TW038",
+                "has continuous states, and this diagram commands actuators",
+                block,
+                hint="move it to the plant, the diagram that `plant(robot)` returns, or use a discrete block",
+            )
         for name in block.inputs:
             source = compilation.sources[block, name]
             if not isinstance(source, Signal) or isinstance(block, (Device, Sink)) or source.block.every == block.every:

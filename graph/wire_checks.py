@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from graph import hints
-from graph.block import Sink
+from graph.block import Block, Sink
 from graph.compilation import Compilation
 from graph.device import Device
 from graph.diagnostics import DiagramError
@@ -96,9 +96,15 @@ def check_wires(compilation: Compilation) -> None:
             compilation.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 
 
+def is_marked(block: Block) -> bool:
+    """Return whether a block has Python code to compile."""
+    python = block.is_python or block.continuous and block.has_python_update
+    return block.jit and python and not block.hold_exceptions
+
+
 def compile_marked(compilation: Compilation) -> None:
     """Compile the Python blocks with `jit = True` to kernels, if Numba is installed."""
-    marked = [block for block in compilation.blocks if block.jit and block.is_python and not block.hold_exceptions]
+    marked = [block for block in compilation.blocks if is_marked(block)]
     if not marked:
         return
     from graph import jit

@@ -1,0 +1,99 @@
+"""Plants with continuous states, which the solver of the diagram integrates between its ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from cext.kernels import continuous as kernels
+from graph import Input, Output, Param
+from graph.continuous import Continuous
+from graph.units import multiply
+
+
+class ContinuousIntegrator(Continuous):
+    """Integral over time: y' = u, y(0) = start, by the solver of the diagram.
+
+    Between continuous blocks, u is the signal at each stage of the solver and not only at the ticks: two of these in a
+    loop are an oscillator without growth. NaN persists until the next reset.
+    """
+
+    start = Param(0.0, "any", "value at the start", fixed=True)
+
+    u = Input("any", "integrand", shape=...)
+    y = Output("any", "integral of u", shape=...)
+
+    derivative_kernel = kernels.integral
+
+    def initial(self) -> Sequence[Any]:
+        return ([self.start] * self.width,)
+
+    def output_units(self, u: str) -> dict[str, str]:
+        return {"y": multiply(u, "s")}
+
+
+class Pendulum(Continuous):
+    """Point mass on a massless rod: m l² θ'' = τ - d θ' - m g l sin θ.
+
+    θ = 0 hangs down. NaN persists until the next reset.
+    """
+
+    mass = Param(1.0, "kg", "mass m", above=0.0)
+    length = Param(0.5, "m", "length l of the rod", above=0.0)
+    damping = Param(0.0, "N·m·s/rad", "damping d of the bearing", min=0.0)
+    gravity = Param(9.80665, "m/s²", "acceleration g of gravity")
+    start = Param(0.0, "rad", "angle at the start, at rest", fixed=True)
+
+    torque = Input("N·m", "torque τ at the bearing", default=0.0)
+    position = Output("rad", "angle θ")
+    velocity = Output("rad/s", "angular velocity θ'")
+
+    derivative_kernel = kernels.pendulum
+
+    def initial(self) -> Sequence[Any]:
+        return self.start, 0.0
+
+
+class MassSpringDamper(Continuous):
+    """Mass on a spring and a damper: m x'' = F - d x' - k x.
+
+    NaN persists until the next reset.
+    """
+
+    mass = Param(1.0, "kg", "mass m", above=0.0)
+    damping = Param(0.0, "N·s/m", "damping d", min=0.0)
+    stiffness = Param(0.0, "N/m", "stiffness k of the spring", min=0.0)
+    start = Param(0.0, "m", "position at the start, at rest", fixed=True)
+
+    force = Input("N", "force F", default=0.0)
+    position = Output("m", "position x")
+    velocity = Output("m/s", "velocity x'")
+
+    derivative_kernel = kernels.mass
+
+    def initial(self) -> Sequence[Any]:
+        return self.start, 0.0
+
+
+class DirectCurrentMotor(Continuous):
+    """Motor with its winding and friction: J ω' = k i - τ - d ω - τ_c tanh(ω / ω_s), L i' = U - R i - k ω.
+
+    The fastest time constant is about L / R: the period of the diagram must be shorter than about two of them, or the
+    solver is unstable. NaN persists until the next reset.
+    """
+
+    resistance = Param(0.3, "Ω", "resistance R of the winding", above=0.0)
+    inductance = Param(2e-4, "V·s/A", "inductance L of the winding", above=0.0)
+    torque_constant = Param(0.09, "N·m/A", "torque constant k, also in V·s/rad", above=0.0)
+    inertia = Param(1e-4, "kg·m²", "moment of inertia J of the rotor", above=0.0)
+    damping = Param(1e-4, "N·m·s/rad", "damping d of the bearing", min=0.0)
+    friction = Param(0.01, "N·m", "Coulomb friction τ_c", min=0.0)
+    slip = Param(0.1, "rad/s", "velocity ω_s up to which the friction is proportional to the velocity", above=0.0)
+
+    voltage = Input("V", "voltage U", default=0.0)
+    load = Input("N·m", "torque τ of the load", default=0.0)
+    position = Output("rad", "angle")
+    velocity = Output("rad/s", "angular velocity ω")
+    current = Output("A", "current i")
+
+    derivative_kernel = kernels.motor
