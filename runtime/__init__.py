@@ -7,7 +7,7 @@ import sys
 
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Any, overload
 
     from graph import Diagram
@@ -44,7 +44,7 @@ class _CheckedImports:
 with _CheckedImports():
     from runtime.host.interrupts import interruptible
 
-__all__ = ["check", "connect", "load", "optimise", "run", "simulate", "study"]
+__all__ = ["check", "connect", "linearise", "load", "optimise", "run", "simulate", "study"]
 
 
 def __dir__() -> list[str]:
@@ -287,6 +287,40 @@ def check(
     if isinstance(diagram, Diagram) and (pairs or rate is not None or rig is not None):
         raise BadInput("settings, rate and rig would change the Diagram: pass the function or the file that builds it")
     return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))
+
+
+@interruptible
+def linearise(
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    at: float = 0.0,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+) -> Any:
+    """Linearise a diagram about a point of its run, and return a control.StateSpace of python-control.
+
+        system = runtime.linearise("swing.py", ["pendulum.torque"], ["pendulum.position"], at=5.0)
+        system.poles(), system.units["pendulum.torque"]
+
+    Its period is one tick. The derivatives are central differences over a tick: of every number that a tick of the
+    native blocks writes, delays included. Sources keep their values.
+
+    diagram : path of a diagram file, a Diagram, or a function that builds one, without devices: with a plant block
+        instead of the drive and its bus
+    inputs : inputs of blocks, "pendulum.torque"; the signal that is connected there is cut off
+    outputs : signals, "pendulum.position"
+    at : time in s of the closed run about which it is linearised, the start by default
+    settings : as in `run`
+
+    The system's names have `:` in place of each `.`, and `system.units` has the units by the diagram's names. Raises
+    BadInput for a diagram that is not linear there, as at a limit, and MissingExtra without python-control.
+    """
+    with _CheckedImports():
+        from runtime.host.options import pairs_of
+        from runtime.session.linearise import linearise
+
+    return linearise(diagram, inputs, outputs, at, pairs_of(settings))
 
 
 @interruptible

@@ -32,6 +32,7 @@ GROUPS = {
     "look at diagrams and recordings": {
         "new": "write a package for a laboratory's own robots and blocks",
         "check": "compile a diagram and report ports, schedule, proofs and buses",
+        "analyse": "open a loop of a diagram and print its margins",
         "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
         "blocks": "list the installed blocks, or describe one",
         "stubs": "write type stubs of your own blocks, for editors",

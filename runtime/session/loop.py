@@ -1,0 +1,149 @@
+"""Margins of a loop that is opened at an input of a block, with a picture."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from graph import Diagram, Signal
+from runtime.host.errors import BadInput
+from runtime.host.optional_dependencies import need
+from runtime.robot.loading.file import load
+from runtime.session.linearise import linearise
+
+if TYPE_CHECKING:
+    import os
+
+    from matplotlib.axes import Axes
+
+    from runtime.robot.loading.overrides import Settings
+
+FREQUENCIES = 4000  # from a 1e5th of the Nyquist frequency to that frequency
+LONGEST = 5000  # ticks of the step response
+
+
+class Loop:
+    """A loop of a diagram, opened at an input: L(z), from the input to minus the signal that is connected there.
+
+    system : control.StateSpace, L
+    name, source : input at which it is opened, and the signal that is connected there
+    """
+
+    def __init__(
+        self,
+        given: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+        name: str,
+        at: float = 0.0,
+        settings: Settings = (),
+    ) -> None:
+        _, diagram = load(given, settings)
+        sources = {
+            f"{wire.block.path}.{wire.port}": wire.source.path
+            for wire in diagram.wires
+            if isinstance(wire.source, Signal)
+        }
+        if name not in sources:
+            raise BadInput(f"no signal is connected to {name!r}: choose one of {', '.join(sorted(sources)) or 'none'}")
+        self.name, self.source, self.at, self.title = name, sources[name], at, diagram.name
+        self.system = -linearise(diagram, [name], [self.source], at)
+        self.rate = float(diagram.rate)
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies in Hz."""
+        return np.geomspace(self.rate / 2e5, self.rate / 2.0, FREQUENCIES)[:-1]
+
+    @cached_property
+    def response(self) -> np.ndarray:
+        """L at the frequencies, complex."""
+        return np.ravel(self.system(np.exp(2j * np.pi * self.frequencies / self.rate)))
+
+    @cached_property
+    def closed(self) -> Any:
+        """The closed loop, L / (1 + L), as a control.StateSpace."""
+        return need("control", "analysis").feedback(self.system, 1)
+
+    @cached_property
+    def margins(self) -> dict[str, float]:
+        """Margins by name; infinite where the response has no such crossing, NaN for its frequency.
+
+        gain (1), gain_frequency (Hz), phase (rad), phase_frequency (Hz), delay (s), distance (1): the least |1 + L|,
+        distance_frequency (Hz), pole (1): the largest |z| of the closed loop
+        """
+        control = need("control", "analysis")
+        data = control.frd(self.response, 2.0 * np.pi * self.frequencies)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            gain, phase, distance, at_gain, at_phase, at_distance = control.stability_margins(data)
+        return {
+            "gain": float(gain),
+            "gain_frequency": float(at_gain) / (2.0 * math.pi),
+            "phase": math.radians(phase),
+            "phase_frequency": float(at_phase) / (2.0 * math.pi),
+            "delay": math.radians(phase % 360.0) / float(at_phase) if math.isfinite(at_phase) else math.inf,
+            "distance": float(distance),
+            "distance_frequency": float(at_distance) / (2.0 * math.pi),
+            "pole": float(np.abs(self.closed.poles()).max(initial=0.0)),
+        }
+
+    def lines(self) -> list[str]:
+        """Return the table of margins."""
+        margins = self.margins
+        stable = margins["pole"] < 1.0
+        rows = [
+            ("gain margin", "gain_frequency", f"{20.0 * math.log10(margins['gain']):.1f} dB"),
+            ("phase margin", "phase_frequency", f"{math.degrees(margins['phase']):.1f}°"),
+            ("delay margin", "phase_frequency", f"{1e3 * margins['delay']:.1f} ms"),
+            ("least |1 + L|", "distance_frequency", f"{margins['distance']:.3f}"),
+        ]
+        lines = [f"{self.title}: loop opened at {self.name}, after {self.source}, at {self.at:g} s, {self.rate:g} Hz"]
+        for title, where, text in rows:
+            found = math.isfinite(margins[where])
+            lines.append(f"  {title:<15}{text if found else 'none':<10}" + f"at {margins[where]:.3g} Hz" * found)
+        state = "stable" if stable else "unstable: the margins have no meaning"
+        return [*lines, f"  {'closed loop':<15}{state}, largest pole |z| = {margins['pole']:.5f}"]
+
+    def draw(self, file: BinaryIO, kind: str = "png") -> None:
+        """Write the picture: Bode, Nyquist, and the step response of the closed loop. kind : as of picture.save"""
+        from runtime.record.analysis import picture
+
+        figure = picture.figure(9.0, 6.0)
+        (size, nyquist), (phase, step) = figure.subplots(2, 2)
+        for axis in (size, nyquist, phase, step):
+            picture.frame(axis)
+        f, L = self.frequencies, self.response
+        size.semilogx(f, 20.0 * np.log10(np.abs(L)), color=picture.BLUE)
+        size.set_ylabel("|L| in dB")
+        phase.semilogx(f, np.degrees(np.unwrap(np.angle(L))), color=picture.BLUE)
+        phase.set_ylabel("arg L in degrees")
+        phase.set_xlabel("frequency in Hz")
+        self._crossings(size, phase)
+        near = L[np.abs(L) < 5.0]
+        nyquist.plot(np.real(near), np.imag(near), color=picture.BLUE)
+        nyquist.plot([-1.0], [0.0], "+", color=picture.ORANGE)
+        nyquist.set(xlabel="Re L", ylabel="Im L", xlim=(-2.5, 1.5), ylim=(-2.0, 2.0), aspect="equal")
+        t, y = self.step_response()
+        step.step(t, y, where="post", color=picture.GREEN)
+        step.set(xlabel="time in s", ylabel="closed loop, unit step")
+        figure.suptitle(picture.plain(f"{self.title}: {self.name} at {self.at:g} s"), fontsize=10)
+        picture.save(figure, file, kind)
+
+    def _crossings(self, size: Axes, phase: Axes) -> None:
+        for axis, name, level in ((size, "phase_frequency", 0.0), (phase, "gain_frequency", -180.0)):
+            axis.axhline(level, color="#AAAAAA", linewidth=0.8)
+            if math.isfinite(self.margins[name]):
+                for each in (size, phase):
+                    each.axvline(self.margins[name], color="#AAAAAA", linewidth=0.8, linestyle=":")
+
+    def step_response(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (time in s, output) of the closed loop, until it has settled."""
+        pole = self.margins["pole"]
+        ticks = LONGEST if not 0.0 < pole < 1.0 else min(LONGEST, 20 + math.ceil(math.log(0.005) / math.log(pole)))
+        times = np.arange(ticks) / self.rate
+        made = need("control", "analysis").step_response(self.closed, times)
+        return times, np.ravel(made.outputs)
