@@ -34,6 +34,7 @@ GROUPS = {
         "check": "compile a diagram and report ports, schedule, proofs and buses",
         "analyse": "open a loop of a diagram and print its margins",
         "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
+        "build": "compile your own native blocks",
         "blocks": "list the installed blocks, or describe one",
         "stubs": "write type stubs of your own blocks, for editors",
         "view": "open recordings in the browser, with marks, faults and strides",
