@@ -36,13 +36,13 @@ ANGLE = 90.0  # degrees
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code: 1 if a device differs."""
-    from runtime.setup.commissioning.guided.steps import STEPS
+    from runtime.setup.commissioning.guided.steps import SENSOR_STEPS, STEPS
 
-    names = [step.name for step in STEPS]
+    names = [step.name for step in (*STEPS, *SENSOR_STEPS)]
     parser = Parser("commission", "Find what is wrong with each device of a rig, step by step, and record it.", EPILOG)
     parser.add_argument("rig", type=Path, metavar="RIG", help="rig file, such as lab.toml")
     add_options(parser, Request, "file", "settings")
-    parser.add_argument("--device", action="append", metavar="PATH", help="only this device; may be repeated")
+    parser.add_argument("--device", action="append", metavar="PATH", help="only this drive or sensor; may be repeated")
     parser.add_argument(
         "--only", nargs="+", choices=names, metavar="STEP", help=f"only these steps: {', '.join(names)}"
     )
@@ -67,41 +67,47 @@ def commission(options: Namespace) -> int:
     file, diagram = load(options.file, options.settings, rig)
     compile_diagram(file.path, diagram)
     with Bench(file.path, rig, diagram) as bench:
-        drives = selected(bench, options.device)
+        devices = selected(bench, options.device)
         name = options.name or ask("Your name, for the records")
         if not name:
             raise BadInput("a record is signed: enter a name, or pass --name")
         differs, cures = False, {}
-        for number, block in enumerate(drives, 1):
-            print_lines(
-                ["", f"{block.path}: {block.model}, id {block.can_id} on {block.bus} ({number} of {len(drives)})"]
-            )
-            record, cures[block.path] = commission_drive(bench, block, options, name)
+        for number, block in enumerate(devices, 1):
+            print_lines(["", f"{block.path}: {place_of(block)} ({number} of {len(devices)})"])
+            record, cures[block.path] = commission_device(bench, block, options, name)
             differs = differs or bool(record.findings)
     offer(rig, cures)
     return CHECK_FAILED if differs else OK
 
 
 def selected(bench: Bench, paths: Sequence[str] | None) -> list[Any]:
-    """Return the drives to commission. Raises BadInput for a path without one."""
-    known = {block.path: block for block in bench.drives}
+    """Return the drives and sensors to commission. Raises BadInput for a path without one."""
+    known = {block.path: block for block in (*bench.drives, *bench.sensors)}
     for path in paths or ():
         if path not in known:
-            hint = suggestion(path, known) or f"its drives are {', '.join(known) or 'none'}"
-            raise BadInput(f"--device {path}: {bench.diagram.name} has no such drive; {hint}")
+            hint = suggestion(path, known) or f"its devices are {', '.join(known) or 'none'}"
+            raise BadInput(f"--device {path}: {bench.diagram.name} has no such drive or sensor; {hint}")
     return [block for path, block in known.items() if not paths or path in paths]
 
 
-def commission_drive(bench: Bench, block: Any, options: Namespace, name: str) -> tuple[Record, dict[str, Any]]:
-    """Carry out the steps of one drive and write its record after each. Returns (Record, cures for the rig)."""
+def place_of(block: Any) -> str:
+    """Return the model of a device, and where it is, as text."""
+    if hasattr(block, "can_id"):
+        return f"{block.model}, id {block.can_id} on {block.bus}"
+    where = getattr(block, "serial", "") or getattr(block, "address", "") or getattr(block, "port", "")
+    return f"{type(block).__name__} {where}".rstrip()
+
+
+def commission_device(bench: Bench, block: Any, options: Namespace, name: str) -> tuple[Record, dict[str, Any]]:
+    """Carry out the steps of one device and write its record after each. Returns (Record, cures for the rig)."""
     from runtime.robot.rig.records import StepRecord, write
     from runtime.setup.commissioning.guided import driven
     from runtime.setup.commissioning.guided.bench import Given
-    from runtime.setup.commissioning.guided.steps import STEPS
+    from runtime.setup.commissioning.guided.steps import steps_of
 
     record, cures = record_for(bench, block), {}
     given, asked = Given(math.radians(options.angle)), False
-    steps = [step for step in STEPS if not options.only or step.name in options.only]
+    steps = [step for step in steps_of(block) if not options.only or step.name in options.only]
     for number, step in enumerate(steps, 1):
         repeat = options.again is not None and (not options.again or step.name in options.again)
         if step.name in record.steps and not repeat:
@@ -151,8 +157,10 @@ def record_for(bench: Bench, block: Any) -> Record:
     from runtime.robot.rig.records import Record, records_of, settings_of
     from runtime.setup.commissioning.guided.bench import ask
 
-    answers = [drive for drive in bench.report(block.bus).drives if drive.can_id == block.can_id]
-    unique = answers[0].unique if len(answers) == 1 else ""
+    answers, unique = [], getattr(block, "serial", "")
+    if hasattr(block, "can_id"):
+        answers = [drive for drive in bench.report(block.bus).drives if drive.can_id == block.can_id]
+        unique = answers[0].unique if len(answers) == 1 else ""
     records = {record.serial: record for record in records_of(bench.rig.path).values()}
     known = next((record.serial for record in records.values() if record.device == block.path), "")
     serial = unique
@@ -168,14 +176,15 @@ def record_for(bench: Bench, block: Any) -> Record:
         if not reasons:
             return record
         print_lines([f"  its record {'; '.join(reasons)}: every step is repeated"])
-    firmware, bus = answers[0].firmware if len(answers) == 1 else "", bench.rig.buses[block.bus]
+    firmware, bus = answers[0].firmware if len(answers) == 1 else "", bench.rig.buses.get(block.bus)
     here = machine()
     about = {
         "computer": f"{here['processor'] or here['architecture']}, {here['system']}",
-        "adapter": f"{bus.interface}, {bus.bitrate / 1e3:g} kbit/s",
+        "adapter": "its own line" if bus is None else f"{bus.interface}, {bus.bitrate / 1e3:g} kbit/s",
         "tickwork": versions().get("tickwork", "unknown"),
     }
-    return Record(serial, block.path, type(block).__name__, block.model, firmware, about, settings_of(block))
+    model = getattr(block, "model", "")
+    return Record(serial, block.path, type(block).__name__, model, firmware, about, settings_of(block))
 
 
 def offer(rig: RigFile, cures: dict[str, dict[str, Any]]) -> None:

@@ -10,6 +10,7 @@ from blocks.sources import Sine
 from graph import Diagram
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import TAKEN, Wired
+from tests.cext.imposed import imposed, still
 from tests.cext.rigs import Rig, plant_of
 
 AK40_10 = reference.ranges(45.0, 5.0, 12.56)
@@ -191,6 +192,32 @@ def test_original_firmware_ignores_a_zero_while_enabled_and_another_is_silent_af
     silent.arena[0] += 1.01
     silent.hear(1, NOTHING)
     assert len(silent.say()) == 1
+
+
+@pytest.mark.parametrize(
+    "drive, model, more",
+    [
+        (CubeMars, "AK80-9", {}),
+        (CubeMarsV3, "AK80-9-V3.0", {}),
+        (CubeMarsV3, "AK80-9-V3.0", {"report_rate": 500.0}),
+        (CubeMarsServo, "AK80-9", {"report_rate": 500.0}),
+        (RobStride, "RS02", {}),
+        (RobStrideMIT, "RS02", {}),
+    ],
+)
+def test_arming_waits_until_a_drive_replies_again_after_its_zero_was_set(drive, model, more):
+    command = {"current_command" if drive is CubeMarsServo else "torque_command": 0.0}
+    rig, outcome = imposed(
+        still(0.3),
+        drive=drive,
+        model=model,
+        commands=command,
+        emulator={"zero_silence": 1.0},
+        zero_at_arming=True,
+        seconds=0.2,
+        **more,
+    )
+    assert outcome.status == "ok" and rig.control.reports.zeros["knee"][0] == 1
 
 
 def test_a_reply_packed_before_its_command_lacks_its_torque():

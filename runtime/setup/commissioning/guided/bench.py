@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from blocks.families import family_of
-from graph import Actuator
+from graph import Actuator, Device
 from runtime.host.console.confirm import discard_typed, enter_pressed
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
@@ -80,6 +80,7 @@ class Sample:
 class Bench:
     """Drives of a diagram on the buses of its rig. Use it in a `with` block: at its end the buses are closed.
 
+    drives, sensors : the actuators, and the inertial sensors
     file, rig, diagram : path of the diagram, RigFile, and Diagram with the parameters of the rig
     """
 
@@ -91,6 +92,9 @@ class Bench:
             if family is not None:
                 self.queries[block.path] = family.stop_query(block)
         self.drives: list[Any] = [diagram[path] for path in self.queries]
+        self.sensors = [
+            block for block in diagram if isinstance(block, Device) and {"accel", "gyro"} <= set(block.outputs)
+        ]
         self.period = 1.0 / diagram.rate
         self.buses: dict[str, ToolBus] = {}
         self.reports: dict[str, scan.Report] = {}

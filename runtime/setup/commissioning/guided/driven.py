@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.limiters import Saturation
 from blocks.safety import EmergencyStop
-from graph import Block, Diagram, Input, Output, Param
+from graph import Actuator, Block, Device, Diagram, Input, Output, Param
 from runtime.host.console.terminal import print_to_stderr
 from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.robot.loading.file import compile_diagram
@@ -223,7 +223,13 @@ def lever_of(block: Any) -> Lever | None:
 
 
 def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple[Probe, RunResult]:
-    """Run a Probe on one drive, with a guardian, after the operator's Enter. Returns (Probe, Result of the run)."""
+    """Run a Probe on one drive, after the operator's Enter. Returns (Probe, Result of the run)."""
+    diagram, probe = diagram_of(block, lever, silence)
+    return probe, run_on_rig(bench, diagram, math.ceil(probe.duration * RATE))
+
+
+def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
+    """Run a diagram with a guardian, on the buses of its devices, and return its Result. Raises Interrupted."""
     from runtime.robot.rig.buses import RigBuses
     from runtime.robot.rig.overrides import override
     from runtime.session.prepare import Prepared
@@ -231,19 +237,19 @@ def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple
     from runtime.session.session import Session
 
     bench.release()
-    diagram, probe = diagram_of(block, lever, silence)
     rig = replace(bench.rig, devices={})
-    override(replace(rig, buses={block.bus: rig.buses[block.bus]}), diagram)
+    used = {block.bus for block in diagram if isinstance(block, Device)}
+    override(replace(rig, buses={name: bus for name, bus in rig.buses.items() if name in used}), diagram)
     schedule = compile_diagram(bench.file, diagram)
-    request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True)
-    ticks = math.ceil(probe.duration * RATE)
+    armed = any(isinstance(block, Actuator) for block in diagram)
+    request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True, yes=not armed)
     run = Session(
         Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks), print_to_stderr
     ).carry_out()
     if run.outcome.stopped:
         raise Interrupted(signal.SIGINT)
     raise_if_ended_by_signal(run.outcome)
-    return probe, run
+    return run
 
 
 def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe]:

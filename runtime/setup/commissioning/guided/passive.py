@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from cext.safety.thresholds import ZERO_LIMIT
 from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Result, Sample, confirmed
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ REPORTS_SHARE = 0.7  # of the declared rate, below which the reports are too slo
 LOST_SHARE = 0.02  # of the replies, above which a bus has a fault
 SLOW_SHARE = 0.5  # of the period, median reply time above which a drive is slow
 ZERO_SILENCE = 0.1  # s without a reply after its zero was set, above which a drive counts as silent
-ZERO_LIMIT = 2.5  # s
+ZERO_TIME = 2.5  # s of queries after that frame
 
 
 def identity(bench: Bench, block: Any, given: Given) -> Result:
@@ -203,15 +204,15 @@ def zero(bench: Bench, block: Any, given: Given) -> Result:
     bench.at_rest(block)
     bench.buses[block.bus].send(frame, "set zero")
     began = time.monotonic()
-    replies = [sample.time - began for sample in bench.for_seconds(ZERO_LIMIT, [block])[block.path]]
-    gaps = [after - before for before, after in zip([0.0, *replies], [*replies, ZERO_LIMIT])]
+    replies = [sample.time - began for sample in bench.for_seconds(ZERO_TIME, [block])[block.path]]
+    gaps = [after - before for before, after in zip([0.0, *replies], [*replies, ZERO_TIME])]
     silence, result = max(gaps), Result()
     result.measured = {"silence": silence}
     result.says.append(f"longest silence after its zero was set: {silence:.2f} s")
     if silence > ZERO_SILENCE:
         result.find(
             "silent after zero",
-            f"the drive does not reply for {silence:.2f} s after its zero was set: a run that arms meanwhile ends as "
-            "silent. Set the zero with `configure --zero`, and omit zero_at_arming",
+            f"the drive does not reply for {silence:.2f} s after its zero was set. Arming waits for it, at most "
+            f"{ZERO_LIMIT * 1e-9:g} s; to avoid that, set the zero with `configure --zero`, and omit zero_at_arming",
         )
     return result

@@ -1,11 +1,12 @@
-"""The steps of commissioning a drive, in their order, and what they need."""
+"""The steps of commissioning a drive or an inertial sensor, in their order, and what they need."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from runtime.setup.commissioning.guided import by_hand, driven, passive
+from graph import Actuator
+from runtime.setup.commissioning.guided import by_hand, driven, passive, sensors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from runtime.setup.commissioning.guided.bench import Bench, Given, Result
 
 NOTHING = "nothing moves: only disable frames are sent"
+NO_MOTOR = "you move; no motor is enabled"
 BY_HAND = "you move the joint; its motor is off"
 BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
 LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
@@ -46,3 +48,12 @@ STEPS = (
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
 )
+SENSOR_STEPS = (
+    Step("rest", "rate, drop-outs, noise and bias", NO_MOTOR, sensors.rest),
+    Step("bend", "its segment, its axes and its strap", NO_MOTOR, sensors.bend),
+)
+
+
+def steps_of(block: Any) -> tuple[Step, ...]:
+    """Return the steps of a device."""
+    return STEPS if isinstance(block, Actuator) else SENSOR_STEPS

@@ -1,0 +1,201 @@
+"""Steps of inertial sensors: rate and noise at rest, then place, axes and mounting while the operator bends a segment.
+
+They need no convention of the sensor's axes: gravity is fixed in space, so the angular rate must carry the specific
+force from one pose to the next, and back to where it was.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from graph import Block, Diagram, Input, subsystem
+from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask
+from runtime.setup.commissioning.guided.driven import run_on_rig
+
+GRAVITY, GRAVITY_TOLERANCE = 9.81, 0.5  # m/s²
+STILL_ACCEL, STILL_GYRO = 0.3, 0.05  # m/s² and rad/s, standard deviation of a sensor at rest
+BIAS = 0.05  # rad/s
+RECEIVED_SHARE = 0.9  # of the samples at the declared rate
+SLOW_SHARE = 1.3  # of the declared period, median time between samples of a sensor with another rate
+REST_TIME, BEND_TIME, RETURN_TIME = 2.0, 6.0, 6.0  # s
+POSE_TIME = 0.5  # s at the beginning and the end of a motion, in which the segment is held
+BENT = 0.35  # rad, smallest turn of a segment that was bent
+AXES_TOLERANCE = 0.25  # rad, between the specific force and where the angular rate has carried it
+LOOSE = 0.07  # rad, between the specific force before and after a segment was bent and returned
+SENSOR_TIMEOUT = 1.0  # s without a sample that ends a reading
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Samples of a sensor, one row per tick. time, age : (n,) s; accel, gyro : (n, 3) m/s² and rad/s"""
+
+    time: np.ndarray
+    accel: np.ndarray
+    gyro: np.ndarray
+    age: np.ndarray
+
+
+class Samples(Block):
+    """Keeps the samples of a sensor."""
+
+    accel = Input("m/s²", "specific force", shape=(3,))
+    gyro = Input("rad/s", "angular rate", shape=(3,))
+    age = Input("s", "time since the newest sample arrived")
+
+    def reset(self):
+        self.rows = []
+
+    def step(self, accel, gyro, age, t):
+        self.rows.append((t, *accel, *gyro, age))
+
+    def motion(self) -> Motion:
+        """Return the samples as a Motion."""
+        rows = np.array(self.rows).reshape(-1, 8)
+        return Motion(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7])
+
+
+def read(bench: Bench, seconds: float) -> dict[str, Motion]:
+    """Return {path: Motion} of every inertial sensor that responds. Nothing is armed but the sensors."""
+    sensors = list(bench.sensors)
+    while sensors:
+        moved, missing = read_those(bench, sensors, seconds)
+        if not missing:
+            return moved
+        sensors = [block for block in sensors if block.path not in missing]
+    return {}
+
+
+def read_those(bench: Bench, sensors: list[Any], seconds: float) -> tuple[dict[str, Motion], set[str]]:
+    """Return (Motion of each sensor, paths of those that do not respond, in which case there are no Motions)."""
+    kept = {}
+    with Diagram("sensors", rate=max(bench.diagram.rate, 2.0 * max(block.rate for block in sensors))) as diagram:
+        for block in sensors:
+            *folders, name = block.path.split("/")
+            with ExitStack() as inside:
+                for each in folders:
+                    inside.enter_context(subsystem(each))
+                own = {each: getattr(block, each) for each in block.parameters}
+                sensor = type(block)(**own | {"timeout": SENSOR_TIMEOUT}, name=name)
+                kept[block.path] = Samples(name=f"samples_of_{name}")
+                kept[block.path](accel=sensor.accel, gyro=sensor.gyro, age=sensor.age)
+    outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
+    if outcome.faulted:
+        return {}, {*outcome.unanswered} or {outcome.culprit or sensors[0].path}
+    return {path: each.motion() for path, each in kept.items()}, set()
+
+
+def rest(bench: Bench, block: Any, given: Given) -> Result:
+    """Measure rate, drop-outs, noise and bias of a sensor at rest."""
+    ask("Put the robot down or stand still, then press Enter")
+    motion = read(bench, REST_TIME).get(block.path)
+    return (
+        Result([], findings=[("silent", "the sensor does not respond")]) if motion is None else rest_of(block, motion)
+    )
+
+
+def rest_of(block: Any, motion: Motion) -> Result:
+    """Compare the Motion of a sensor at rest with what it declares."""
+    result = Result()
+    arrivals = motion.time[1:][np.diff(motion.age) < 0.0]
+    expected = block.rate * (motion.time[-1] - motion.time[0])
+    share = len(arrivals) / expected
+    strength = float(np.linalg.norm(motion.accel.mean(axis=0)))
+    shake, spin = float(motion.accel.std(axis=0).max()), float(motion.gyro.std(axis=0).max())
+    bias = float(np.abs(motion.gyro.mean(axis=0)).max())
+    result.measured = {"received": share, "gravity": strength, "noise_accel": shake, "noise_gyro": spin, "bias": bias}
+    result.says.append(
+        f"{share:.0%} of the samples at {block.rate:g} Hz; {strength:.2f} m/s² at rest; noise {shake:.3f} m/s² and "
+        f"{spin:.4f} rad/s; bias {bias:.4f} rad/s"
+    )
+    if share < RECEIVED_SHARE:
+        slow = len(arrivals) > 2 and float(np.median(np.diff(arrivals))) > SLOW_SHARE / block.rate
+        name = "sample rate" if slow else "drop-outs"
+        result.find(name, f"{share:.0%} of the samples at {block.rate:g} Hz arrived: check its rate, plug and cable")
+    if shake > STILL_ACCEL or spin > STILL_GYRO:
+        result.find("noisy sensor", f"noise of {shake:.2f} m/s² and {spin:.3f} rad/s at rest: check that it is tight")
+    elif abs(strength - GRAVITY) > GRAVITY_TOLERANCE:
+        result.find("scale of the sensor", f"{strength:.2f} m/s² at rest instead of {GRAVITY:g}: check its full scale")
+    elif bias > BIAS:
+        result.find("bias of the sensor", f"an angular rate of {bias:.3f} rad/s at rest: tare or calibrate it")
+    return result
+
+
+def bend(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare which sensor turns, its axes and its mounting while the operator bends a segment and returns it."""
+    ask(
+        f"Stand upright, then press Enter. Once it is running, wait a second, bend only the segment of {block.path} by "
+        "45° within 3 s, and hold it"
+    )
+    out = read(bench, BEND_TIME)
+    ask("Press Enter. Once it is running, stand upright again within 4 s, and stand still")
+    return bend_of(block.path, out, read(bench, RETURN_TIME))
+
+
+def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Result:
+    """Compare the Motions of all sensors while one segment was bent, and returned."""
+    result = Result()
+    if path not in out or path not in back:
+        result.find("silent", "the sensor does not respond")
+        return result
+    turned = {name: between(pose(motion, 0), pose(motion, -1)) for name, motion in out.items()}
+    result.measured["turned"] = turned[path]
+    result.says.append(f"turned by {math.degrees(turned[path]):.0f}°")
+    if turned[path] < BENT:
+        others = [name for name, angle in turned.items() if angle > BENT]
+        if not others:
+            return Result(["no sensor has turned: repeat this step with --again bend"], result.measured, done=False)
+        result.find("exchanged", f"{' and '.join(others)} turned instead: exchange the serial numbers or addresses")
+        return result
+    error = between(carried(out[path]), pose(out[path], -1))
+    shift = between(pose(out[path], 0), pose(back[path], -1))
+    result.measured |= {"axes_error": error, "shift": shift}
+    result.says.append(
+        f"the angular rate explains the turn within {math.degrees(error):.1f}°; {math.degrees(shift):.1f}° away after "
+        "the return"
+    )
+    if error > AXES_TOLERANCE:
+        result.find(
+            "axes",
+            f"the angular rate and the specific force differ by {math.degrees(error):.0f}° after the turn: exchanged "
+            "or negated axes, or a loose sensor",
+        )
+    elif shift > LOOSE:
+        result.find(
+            "loose sensor",
+            f"in the same pose as before, the sensor is turned by {math.degrees(shift):.1f}°: check its strap, and "
+            "repeat with --again bend",
+        )
+    return result
+
+
+def pose(motion: Motion, end: int) -> np.ndarray:
+    """Return the mean specific force, (3,), at the beginning (0) or the end (-1) of a Motion."""
+    held = motion.time <= motion.time[0] + POSE_TIME if end == 0 else motion.time >= motion.time[-1] - POSE_TIME
+    return motion.accel[held].mean(axis=0)
+
+
+def between(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the angle between two vectors in rad."""
+    lengths = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return math.acos(max(-1.0, min(1.0, float(first @ second) / lengths))) if lengths else 0.0
+
+
+def carried(motion: Motion) -> np.ndarray:
+    """Return the first specific force, carried by the angular rate to the last pose: f' = -ω × f."""
+    force, bias = pose(motion, 0), motion.gyro[motion.time <= motion.time[0] + POSE_TIME].mean(axis=0)
+    for step, rate in zip(np.diff(motion.time), motion.gyro[1:] - bias):
+        turn = -rate * step
+        angle = float(np.linalg.norm(turn))
+        if angle > 0.0:
+            axis = turn / angle
+            force = (
+                force * math.cos(angle)
+                + np.cross(axis, force) * math.sin(angle)
+                + axis * float(axis @ force) * (1.0 - math.cos(angle))
+            )
+    return force
