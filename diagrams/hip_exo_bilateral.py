@@ -32,7 +32,7 @@ def build(assistance=1.0, model="AK80-9"):
         for side, leg in gaits.items():
             with subsystem(side):
                 torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=leg.phase, enable=leg.walking)
-                assist(hips[side], torque, walking, leg)
+                assist(hips[side], torque, walking, leg, uncertainty=leg.uncertainty)
         CsvRecorder()
         PlotJuggler()
     return diagram

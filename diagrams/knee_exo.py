@@ -29,28 +29,29 @@ def build(assistance=1.0):
             **{f"left_{name}": signal for name, signal in left[1].items()},
             **{f"right_{name}": signal for name, signal in right[1].items()},
         )
-        for side, (drive, gait) in (("left", left), ("right", right)):
-            assist(side, drive, gait, state.walking, assistance)
+        for side, (drive, gait, uncertainty) in (("left", left), ("right", right)):
+            assist(side, drive, gait, state.walking, uncertainty, assistance)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def knee(side, can_id, invert):
-    """Return the actuator of one knee, and its gait: phase, walking and velocity."""
+    """Return the actuator of one knee, its gait (phase, walking and velocity), and the uncertainty of the phase."""
     with subsystem(side):
         drive = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, invert=invert, name="knee")
         velocity = Butterworth(order=2, cutoff=20.0)(drive.velocity)
         strike = KneeEvents(name="events")(angle=drive.position, velocity=drive.velocity).strike
         gait = PhaseKalmanFilter(name="gait_phase")(angle=drive.position, velocity=drive.velocity, strike=strike)
-    return drive, {"phase": gait.phase, "walking": gait.walking, "velocity": velocity}
+    return drive, {"phase": gait.phase, "walking": gait.walking, "velocity": velocity}, gait.uncertainty
 
 
-def assist(side, knee, gait, walking, assistance):
-    """Command one knee: the profile over the gait phase, faded out when both legs do not walk."""
+def assist(side, knee, gait, walking, uncertainty, assistance):
+    """Command one knee: the profile over the gait phase, which fades out when both legs do not walk."""
     with subsystem(side):
         profile = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=gait["phase"], enable=gait["walking"])
-        torque = TorqueLimiter(limit=12.0, slew=200.0)(TorqueGate(name="gate")(u=profile, enable=walking))
+        gated = TorqueGate(name="gate")(u=profile, enable=walking, uncertainty=uncertainty)
+        torque = TorqueLimiter(limit=12.0, slew=200.0)(gated)
         knee(torque_command=torque)
         StrideReport(positive="flexion")(angle=knee.position, torque=knee.torque, **gait)
 

@@ -33,7 +33,7 @@ def build(side="left", assistance=1.0):
             leg = gait(*thigh, strike)
             walking = walks(leg, shank.velocity)
             torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=leg.phase, enable=leg.walking)
-            assist(knee, torque, walking, leg, limit=4.0)
+            assist(knee, torque, walking, leg, limit=4.0, uncertainty=leg.uncertainty)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -36,7 +36,8 @@ def build(mass=70.0, share=0.3, delay=0.1):
                 extension = Max(name="extension")(Min()(biological, 0.0), bound)
                 flex = TorqueProfile(FLEXION, name="flexion")(phase=phase.phase, enable=phase.walking)
                 knees[side] = drive(side, "knee", number, "AK10-9-V2.0")
-                assist(knees[side], extension + flex, walking, phase, limit=12.0, slew=300.0)
+                options = {"limit": 12.0, "slew": 300.0, "uncertainty": phase.uncertainty}
+                assist(knees[side], extension + flex, walking, phase, **options)
         thighs, shanks, feet, loads = ({side: leg[2][place] for side, leg in legs.items()} for place in range(4))
         placed("shank IMUs", shanks, "knee drives", rates(knees), opposite=True, enable=walking)
         placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)

@@ -65,7 +65,8 @@ def build(controller="energy", mass=70.0, share=0.15, assistance=1.0):
                 else:
                     torques, enabled = profiles(own.gait, assistance), walking
                 for joint, torque in torques.items():
-                    assist(own.drives[joint], torque, enabled, own.gait, slew=200.0)
+                    uncertainty = 0.0 if controller == "energy" else own.gait.uncertainty
+                    assist(own.drives[joint], torque, enabled, own.gait, slew=200.0, uncertainty=uncertainty)
         thighs = rates({side: own.thigh for side, own in legs.items()})
         placed("thigh IMUs", thighs, "hip drives", rates({side: own.drives["hip"] for side, own in legs.items()}))
         loads = {side: own.load for side, own in legs.items()}

@@ -56,6 +56,7 @@ class Gait(NamedTuple):
     walking: Signal
     velocity: Signal
     shank_velocity: Signal | None = None
+    uncertainty: Signal | float = 0.0
 
 
 def imu(segment, serial):
@@ -95,7 +96,7 @@ def gait(angle, velocity, strike=None, shank=None):
     if strike is None:
         strike = ThighEvents(name="events")(angle).strike
     estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
-    return Gait(estimate.phase, estimate.walking, velocity, shank and shank.velocity)
+    return Gait(estimate.phase, estimate.walking, velocity, shank and shank.velocity, estimate.uncertainty)
 
 
 def network(name):
@@ -156,7 +157,8 @@ def hip_assistance(thighs, mass, scale, delay):
 def walk(gaits):
     """Return whether both legs walk forward, half a stride apart. gaits : {side: Gait}"""
     named = ((f"{side}_{name}", signal) for side, leg in gaits.items() for name, signal in leg._asdict().items())
-    return GaitState(name="state")(**{name: signal for name, signal in named if signal is not None}).walking
+    used = {name: each for name, each in named if each is not None and not name.endswith("uncertainty")}
+    return GaitState(name="state")(**used).walking
 
 
 def rates(legs):
@@ -181,10 +183,13 @@ def drive(side, joint, can_id, model="AK80-9", **parameters):
     return Actuator(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
 
 
-def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
-    """Command a joint with a limited torque while the wearer walks, and report its strides. leg : Gait"""
+def assist(drive, torque, walking, leg, limit=8.0, slew=100.0, uncertainty: Signal | float = 0.0):
+    """Command a joint with a limited torque while the wearer walks, and report its strides.
+
+    leg : Gait; uncertainty : that of the phase which the torque follows
+    """
     name = drive.path.rpartition("/")[2]
-    gated = TorqueGate(name=f"{name}_gate")(u=torque, enable=walking)
+    gated = TorqueGate(name=f"{name}_gate")(u=torque, enable=walking, uncertainty=uncertainty)
     drive(torque_command=TorqueLimiter(limit=limit, slew=slew, name=f"{name}_limiter")(gated))
     StrideReport(title=drive.path.replace("/", " "), positive=POSITIVE[name], name=f"{name}_report")(
         phase=leg.phase, walking=walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque

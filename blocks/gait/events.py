@@ -109,8 +109,8 @@ class KneeEvents(_Events, Block):
     pendulum and in squats. Angle and velocity are medians of three samples.
 
     At heel strike the deceleration of the extension has ended: within 12 ms in both legs of three recorded adults. The
-    time from the event to that end is learned from the mean velocity of the last ten strides, and used from the third
-    on if it is between 3 and 8.5 % of a stride, else `lead`.
+    time from the event to that end, 3 to 8.5 % of a stride, is learned from the mean velocity of the last ten strides.
+    It replaces `lead` from the third on.
 
     Limits: a knee that flexes in stance by more than 0.6 of its flexion in swing is not followed. On stairs up, strikes
     are late by a third of a stride; with a signal of opposite sign, they are a quarter of a stride early, or missing.

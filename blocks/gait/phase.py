@@ -13,8 +13,8 @@ class StridePhase(Block):
 
     The mean of the first `count` strides has equal weights; from then on each new stride has the weight 1 / `count`.
     `walking` is true from the third strike until one and a half strides pass without one; a stride outside `shortest`
-    to `longest` starts the mean again. Limits: a change of speed within a stride shows at the next strike only. Direct
-    feedthrough; NaN passes.
+    to `longest` starts the mean again. `uncertainty` is the RMS difference of the last strides from the mean. Limits: a
+    change of speed within a stride shows at the next strike only. Direct feedthrough; NaN passes.
     (time-based estimation, as in Zhang et al. 2017)
     """
 
@@ -28,7 +28,8 @@ class StridePhase(Block):
     phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
     walking = Output("1", "true while the phase is known", dtype=bool, range=(0.0, 1.0))
     stride_time = Output("s", "mean stride time, 0 while unknown")
-    state = Memory((math.inf, 0.0, 0.0), "time since the strike, mean stride time, consecutive strides")
+    uncertainty = Output("1", "standard deviation of the phase at the next strike", range=(0.0, 0.3))
+    state = Memory((math.inf, 0.0, 0.0, 0.0009), "time since the strike, mean stride time, strides, their variance")
 
     kernel = kernels.stride_phase
 

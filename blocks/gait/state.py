@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cext.kernels import gait_state as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
@@ -19,13 +21,15 @@ class GaitState(Block):
     Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s, and each
     leg has been faster than the limit within 1.5 s; at 0.15 to 1.9 m/s a thigh or knee pauses for 1.2 s at most. Any
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
-    stands. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
+    stands, or a stumble, in which the leads of the phases of both legs over the clocks of their last strides
+    differ by more than 18 % of a stride. A stumble ends when each leg has taken a stride as long as the one before
+    within a fifth. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
 
     Walking is forward: a leg swings forward faster than it turns back over the ground. Each of these numbers, from
     means over 0.9 strides, is positive in walking forward and negative in walking backward:
 
         with shanks  Σ mean(ω³) / Σ mean(ω²)^1.5 of their rates ω; walking begins above 0.45 and ends below 0.3
-        without      correlation of the sum of both velocities with the square of their difference; 0.1 and 0
+        without      correlation of the sum of both velocities with the square of their difference; 0.15 and 0
 
     `direction` is the one that is used, scaled to 0 where walking ends and 1 where it may begin. For a robot with one
     leg, connect the rate of its shank. With `motion` "knee" and without shanks, the direction is not determined.
@@ -58,6 +62,7 @@ class GaitState(Block):
     track = Memory(
         (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
     )
+    clocks = Memory((math.inf, 0.0, 0.0, 0.0) * 2, "time since the strike, last stride, phase and stumble of each leg")
 
     kernel = kernels.gait_state
 
@@ -99,20 +104,26 @@ class StrideEnvelope(Block):
 class TorqueGate(Block):
     """Fade of a torque: y = s u + (1 − s) rest, s from 0 to 1 in `fade_in` and back in `fade_out` seconds.
 
-    s rises while `enable` is true. rest is 0 in the mode "zero", −damping · ω within ±limit in the mode "damping", and
-    the last torque while enabled in the mode "hold". With `standing` of a GaitState, a fade of 0.1 s ends the torque
-    0.25 s after the last motion. Direct feedthrough; NaN passes and infinity becomes NaN.
+    s rises while `enable` is true, to (uncertain − uncertainty) / (uncertain − certain) within 0 and 1: a phase of
+    which the `uncertainty` is large gives less torque. rest is 0 in the mode "zero", −damping · ω within ±limit in the
+    mode "damping", and the last torque while enabled in the mode "hold". With `standing` of a GaitState, a fade of 0.1
+    s ends the torque 0.25 s after the last motion. Direct feedthrough; NaN passes and infinity becomes NaN.
     """
+
+    rules = ("certain < uncertain",)
 
     mode = Param("zero", "1", "torque while disabled", choices=MODES)
     fade_in = Param(0.5, "s", "time from 0 to the full torque", above=0.0)
     fade_out = Param(0.1, "s", "time from the full torque to 0", above=0.0)
     damping = Param(1.0, "N·m·s/rad", "damping in the mode damping", min=0.0)
     limit = Param(5.0, "N·m", "largest damping torque", min=0.0)
+    certain = Param(0.05, "1", "largest uncertainty of the phase with the full torque", min=0.0)
+    uncertain = Param(0.1, "1", "uncertainty of the phase from which no torque acts", above=0.0)
 
     u = Input("N·m", "torque")
     enable = Input("1", "true while the torque may act", dtype=bool)
     velocity = Input("rad/s", "joint velocity, for the mode damping", default=0.0)
+    uncertainty = Input("1", "standard deviation of the phase, as a fraction of a stride", default=0.0)
     y = Output("N·m", "faded torque")
     mode_number = Memory(0.0, "index of the mode")
     track = Memory((0.0, 0.0), "share s, held torque")
@@ -122,7 +133,7 @@ class TorqueGate(Block):
     def configure(self) -> None:
         self.mode_number = float(MODES.index(self.mode))
 
-    def output_range(self, u: Interval, enable: Interval, velocity: Interval) -> Interval:
+    def output_range(self, u: Interval, enable: Interval, velocity: Interval, uncertainty: Interval) -> Interval:
         faded = u | Interval.point(0.0)
         if self.mode != "damping":
             return faded

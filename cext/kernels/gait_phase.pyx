@@ -27,6 +27,8 @@ cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is 
 cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
 cdef double SLOWEST_SHARE = 0.5          # of the usual cadence: the frequency of a leg that moves
 cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands, unless the wearer walks that slowly
+cdef double SPREAD_SHARE = 0.2          # of a strike, in the spread of the last strides
+cdef double UNKNOWN = 0.28867513459481287       # standard deviation of a phase of which nothing is known
 
 
 cdef inline double wrapped(double phase) noexcept nogil:
@@ -40,13 +42,18 @@ cdef inline double nearest(double difference) noexcept nogil:
     return difference - floor(difference + 0.5)
 
 
+cdef inline void enter_error(double *spread, double error) noexcept nogil:
+    """Enter the phase error at a strike, in strides, into the mean square of the last strides."""
+    spread[0] += SPREAD_SHARE * (min(error * error, UNKNOWN * UNKNOWN) - spread[0])
+
+
 # Time since strike
 
 cdef struct Stride:
-    int32_t strike, phase, walking, stride_time, shortest, longest, count
-    int32_t state               # s since the strike, mean stride time, number of consecutive strides
+    int32_t strike, phase, walking, stride_time, uncertainty, shortest, longest, count
+    int32_t state               # s since the strike, mean stride time, number of consecutive strides, spread
 
-STRIDE = items((<Stride *>ITEMS)[0], "state[3]")
+STRIDE = items((<Stride *>ITEMS)[0], "state[4]")
 
 
 cdef int stride_kernel(double *arena, const Stride *at, const Stride *sizes) noexcept nogil:
@@ -56,6 +63,8 @@ cdef int stride_kernel(double *arena, const Stride *at, const Stride *sizes) noe
     s[0] += arena[DT]
     if strike != 0.0 and strike == strike:
         if s[0] >= arena[at.shortest] and s[0] <= arena[at.longest]:
+            if s[2] > 0.0:
+                enter_error(&s[3], s[0] / s[1] - 1.0)
             s[2] += 1.0
             share = 1.0 / min(s[2], arena[at.count])
             s[1] += share * (s[0] - s[1])
@@ -66,11 +75,13 @@ cdef int stride_kernel(double *arena, const Stride *at, const Stride *sizes) noe
         s[2] = 0.0
         s[0] = INFINITY
     arena[at.phase] = 0.0 if strike == strike else NAN
+    arena[at.uncertainty] = UNKNOWN if strike == strike else NAN
     arena[at.walking] = 0.0
     arena[at.stride_time] = 0.0
     if s[2] >= 2.0:
         arena[at.stride_time] = s[1]
         if strike == strike:
+            arena[at.uncertainty] = sqrt(s[3])
             arena[at.phase] = min(s[0] / s[1], 1.0)
             arena[at.walking] = 1.0
     return OK
@@ -243,7 +254,7 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
 # Kalman filter on a learned waveform
 
 cdef struct Kalman:
-    int32_t angle, velocity, strike, phase, walking, frequency, deviation
+    int32_t angle, velocity, strike, phase, walking, frequency, deviation, uncertainty
     int32_t phase_noise, frequency_noise, angle_noise, velocity_noise, strike_noise
     int32_t state               # phase, frequency in Hz, amplitude, offset, both relative to the waveform
     int32_t covariance          # 4 x 4
@@ -251,7 +262,7 @@ cdef struct Kalman:
     int32_t stride              # the angles since the last strike
     int32_t learning            # see below
 
-KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[14]")
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[15]")
 
 cdef enum:
     SINCE = 0                   # s since the last strike
@@ -268,6 +279,7 @@ cdef enum:
     MOTION = 11                 # mean squared velocity
     QUIET = 12                  # strides without motion
     OFFSET = 13                 # mean of the last stride less that of the waveform, over its standard deviation
+    SPREAD = 14                 # mean square of the phase at the last strikes
 
 
 cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
@@ -369,13 +381,15 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         arena[at.phase] = NAN
         arena[at.walking] = 0.0
         arena[at.frequency] = NAN
-        arena[at.deviation] = NAN
+        arena[at.deviation] = arena[at.uncertainty] = NAN
         return OK
     learning[SINCE] += dt
     # 1. A stride between two strikes enters the waveform. The filter starts at a strike: after two strides, at the first
     #    one after standing, and at one that is far from phase 0.
     if strike != 0.0:
         unlike = fabs(nearest(x[0])) > UNLIKE_LIMIT
+        if learning[RUNNING] != 0.0 and learning[LOST] == 0.0:
+            enter_error(learning + SPREAD, nearest(x[0]))
         if learning[SINCE] >= 0.4 and learning[SINCE] <= 2.5 and learning[SAMPLES] <= sizes.stride:
             learn(w, learning, arena + at.stride, <int>learning[SAMPLES])
             if learning[STRIDES] >= 2.0 and learning[RUNNING] == 0.0:
@@ -485,6 +499,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
             arena[at.phase] = x[0]
         arena[at.frequency] = x[1]
         arena[at.walking] = learning[LOST] == 0.0
+    arena[at.uncertainty] = sqrt(learning[SPREAD]) if arena[at.walking] != 0.0 else UNKNOWN
     return OK
 
 

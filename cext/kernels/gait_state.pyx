@@ -21,7 +21,9 @@ cdef double LONGEST_STRIDE = 3.0
 cdef double SHANK_LOW = 0.3             # evidence below which the wearer no longer walks forward,
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
-cdef double THIGH_HIGH = 0.1
+cdef double THIGH_HIGH = 0.15
+cdef double STUMBLE = 0.18              # of a stride, by which one leg leads the clock of its last stride more than the other
+cdef double REGULAR = 0.2               # change of the stride after which a stumble has ended
 
 
 cdef struct Direction:
@@ -88,8 +90,9 @@ cdef struct State:
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
     Direction direction
     int32_t track               # see below
+    int32_t clocks              # see below
 
-STATE = items((<State *>ITEMS)[0], "evidence[13] track[6]")
+STATE = items((<State *>ITEMS)[0], "evidence[13] track[6] clocks[8]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -100,14 +103,43 @@ cdef enum:
     RIGHT_STILL = 5
 
 
+cdef enum:
+    CLOCK_AGE = 0               # s since the phase of a leg began
+    CLOCK_PERIOD = 1            # s, of its last stride, 0 while unknown
+    CLOCK_LAST = 2              # phase one tick before
+    IRREGULAR = 3               # 1 from a stumble to the end of the next regular stride
+    CLOCK_SIZE = 4
+
+
+cdef inline double lead(double *c, double phase, bint known, double dt) noexcept nogil:
+    """Return by how much of a stride the phase of a leg leads the clock of its last stride."""
+    cdef double change
+    phase -= floor(phase)
+    c[CLOCK_AGE] += dt
+    if not known:
+        c[CLOCK_PERIOD] = c[IRREGULAR] = 0.0
+        c[CLOCK_AGE] = INFINITY
+    elif c[CLOCK_LAST] - phase > 0.5:
+        change = fabs(c[CLOCK_AGE] - c[CLOCK_PERIOD])
+        c[IRREGULAR] = c[IRREGULAR] != 0.0 and change > REGULAR * c[CLOCK_PERIOD]
+        c[CLOCK_PERIOD] = c[CLOCK_AGE] if is_finite(c[CLOCK_AGE]) else 0.0
+        c[CLOCK_AGE] = 0.0
+    c[CLOCK_LAST] = phase
+    if c[CLOCK_PERIOD] == 0.0:
+        return 0.0
+    change = phase - c[CLOCK_AGE] / c[CLOCK_PERIOD]
+    return change - floor(change + 0.5)
+
+
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
     cdef double phases = arena[at.left_phase] - arena[at.right_phase]
     cdef double flags = arena[at.left_walking] + arena[at.right_walking]
     cdef double left = arena[at.left_velocity]
     cdef double right = arena[at.right_velocity]
     cdef double *track = arena + at.track
+    cdef double *clocks = arena + at.clocks
     cdef double apart, share, fastest, still
-    cdef bint ahead
+    cdef bint ahead, steady
     if not is_finite(phases + flags + left + right) or isinf(arena[at.direction.left_shank_velocity]) \
             or isinf(arena[at.direction.right_shank_velocity]):
         arena[at.state] = arena[at.walking] = arena[at.standing] = 0.0
@@ -124,8 +156,14 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     track[STILL] = track[STILL] + arena[DT] if fastest < still else 0.0
     track[LEFT_STILL] = track[LEFT_STILL] + arena[DT] if fabs(left) < still else 0.0
     track[RIGHT_STILL] = track[RIGHT_STILL] + arena[DT] if fabs(right) < still else 0.0
-    # 2. Walking: both legs walk forward, half a stride apart. Under a wearer who swings one leg, the other stands.
+    # 2. Walking: both legs walk forward, half a stride apart, without a stumble. Under a wearer who swings one leg, the
+    #    other stands.
     ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
+    share = lead(clocks, arena[at.left_phase], arena[at.left_walking] != 0.0, arena[DT]) \
+        - lead(clocks + CLOCK_SIZE, arena[at.right_phase], arena[at.right_walking] != 0.0, arena[DT])
+    if fabs(share - floor(share + 0.5)) > STUMBLE:
+        clocks[IRREGULAR] = clocks[CLOCK_SIZE + IRREGULAR] = 1.0
+    steady = clocks[IRREGULAR] + clocks[CLOCK_SIZE + IRREGULAR] == 0.0
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
         flags = 0.0
     apart = phases - 0.5
@@ -135,10 +173,11 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
         apart = 0.5
     track[APART] += share * (apart - track[APART])
     arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
-    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and track[APART] < arena[at.tolerance]
+    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and steady \
+        and track[APART] < arena[at.tolerance]
     arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]
     arena[at.confidence] = 1.0 if arena[at.standing] != 0.0 else max(0.0, 1.0 - track[APART] / arena[at.tolerance]) \
-        if flags == 2.0 and ahead else 0.0
+        if flags == 2.0 and ahead and steady else 0.0
     return OK
 
 
@@ -229,7 +268,7 @@ cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *size
 
 
 cdef struct Gate:
-    int32_t u, enable, velocity, y, fade_in, fade_out, damping, limit
+    int32_t u, enable, velocity, uncertainty, y, fade_in, fade_out, damping, limit, certain, uncertain
     int32_t mode                # 0 zero, 1 damping, 2 hold
     int32_t track               # share that passes, held torque
 
@@ -240,15 +279,19 @@ cdef int gate_kernel(double *arena, const Gate *at, const Gate *sizes) noexcept 
     cdef double u = arena[at.u]
     cdef double enable = arena[at.enable]
     cdef double velocity = arena[at.velocity]
+    cdef double uncertainty = arena[at.uncertainty]
     cdef double *m = arena + at.track
     cdef double rest = 0.0
-    if not is_finite(u) or not is_finite(velocity) or enable != enable:
+    cdef double share = 0.0
+    if not is_finite(u) or not is_finite(velocity) or not is_finite(uncertainty) or enable != enable:
         arena[at.y] = NAN
         return OK
     if enable != 0.0:
-        m[0] = min(1.0, m[0] + arena[DT] / arena[at.fade_in])
+        share = clip((arena[at.uncertain] - uncertainty) / (arena[at.uncertain] - arena[at.certain]), 0.0, 1.0)
+    if m[0] < share:
+        m[0] = min(share, m[0] + arena[DT] / arena[at.fade_in])
     else:
-        m[0] = max(0.0, m[0] - arena[DT] / arena[at.fade_out])
+        m[0] = max(share, m[0] - arena[DT] / arena[at.fade_out])
     if arena[at.mode] == 1.0:
         rest = clip(-arena[at.damping] * velocity, -arena[at.limit], arena[at.limit])
     elif arena[at.mode] == 2.0:

@@ -167,6 +167,26 @@ def test_oscillators_that_start_far_from_the_walk_follow_it_after_a_few_strides(
     assert error(late, played, begin=20.0) < 2.0 and late["walking"][played.time > 15.0].all()
 
 
+def test_the_uncertainty_is_the_spread_of_the_last_strikes():
+    """Strikes scatter with a standard deviation of 4 % of a stride from the thirtieth on, and are half a stride late
+    from the fiftieth on.
+    """
+    played, _ = walk()
+    stride = np.diff(played.strikes)[0]
+    number = np.arange(len(played.strikes))
+    scatter = 0.04 * stride * np.random.default_rng(1).normal(size=len(number))
+    times = played.strikes + np.where(number < 30, 0.0, scatter) + np.where(number < 50, 0.0, 0.5 * stride)
+    times = times[times < played.time[-1]]
+    strike = np.zeros(len(played.time), dtype=bool)
+    strike[np.round(times * RATE).astype(int)] = True
+    for block in (StridePhase, PhaseKalmanFilter):
+        outputs = inside(block, **inputs(block, played, strike))
+        at = np.round(times * RATE).astype(int) - 1  # just before each strike
+        u = outputs["uncertainty"][at]
+        assert np.all(u[:2] > 0.28) and np.all(u[12:30] < 0.03), block
+        assert 0.02 < np.median(u[40:50]) < 0.09 and u[52] > 0.1, block
+
+
 def test_oscillators_do_not_walk_from_a_strike_that_contradicts_their_phase():
     """From the thirtieth strike on, strikes are half a stride late; the phase has adapted after ten of them."""
     played, strike = walk()

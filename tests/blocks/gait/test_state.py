@@ -111,6 +111,33 @@ def test_a_leg_that_swings_beside_one_that_stands_does_not_walk():
     assert walking[time > 12.5].all() and not standing.any()
 
 
+@pytest.mark.hazard("H12e")
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_stumble_ends_walking_within_a_stride_until_a_regular_one(side):
+    """The phase of one leg stands for a fifth of a stride, from 10.3 s on; from 20 s on both take longer strides."""
+    time = np.arange(0.0, 30.0, 1.0 / RATE)
+    turns = np.where(time < 20.0, time, 20.0 + (time - 20.0) / 1.15)
+    phases = {"left": turns, "right": turns + 0.5}
+    phases[side] = phases[side] - np.clip(time - 10.3, 0.0, 0.25)
+    swing = 2.5 * np.sin(2.0 * np.pi * turns)
+    signals = {f"{leg}_phase": phase % 1.0 for leg, phase in phases.items()}
+    signals |= {f"{leg}_walking": np.ones(len(time)) for leg in phases}
+    signals |= {"left_velocity": swing, "right_velocity": -swing}
+    walking = inside(lambda: GaitState(motion="knee", tolerance=0.4), **signals)["walking"] == 1.0
+    ended = time[np.flatnonzero(~walking & (time > 9.0))[0]]
+    resumed = time[np.flatnonzero(~walking & (time > 9.0))[-1]]
+    assert 10.4 < ended < 10.6 and 11.0 < resumed < 12.8
+    assert walking[(time > 2.0) & (time < 10.3)].all() and walking[time > 13.0].all()
+
+
+def test_an_uncertain_phase_gives_less_torque():
+    uncertainty = np.repeat([0.05, 0.075, 0.1, 0.29, 0.02, np.nan, 0.02], 200)
+    ones = np.ones(len(uncertainty))
+    y = inside(TorqueGate, u=10.0 * ones, enable=ones, uncertainty=uncertainty)["y"]
+    np.testing.assert_allclose(y[199:1000:200], [10.0, 5.0, 0.0, 0.0, 10.0], atol=1e-12)
+    assert np.isnan(y[1000:1200]).all() and y[1200] == pytest.approx(10.0)
+
+
 def strides(time):
     """Knee angle in rad of strides of 1.1 s."""
     harmonics = ((0.05, -0.36), (-0.27, 0.06), (-0.02, 0.07))
