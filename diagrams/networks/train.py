@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from diagrams.networks import export
-from diagrams.networks.trials import RATE, trial
+from diagrams.networks.trials import RATE, trial, varied
 from runtime.host.replaced_file import write
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")  # sums in the same order everywhere
@@ -130,9 +130,9 @@ def normalised(legs: Sequence[dict[str, np.ndarray]], names: Sequence[str]) -> t
 
 def main(names: Sequence[str]) -> None:
     """Train networks by name, and write their files."""
-    legs = [leg for seed in SEEDS for leg in trial(seed, DURATION)]
     for name in names:
         begin = time.monotonic()
+        legs = [leg for seed in SEEDS for leg in (varied if name == "gait_phase" else trial)(seed, DURATION)]
         layers, metadata = train(legs, *NETWORKS[name])
         path = Path(__file__).with_name(f"{name}.onnx")
         write(path, export.model(layers, DILATIONS, metadata).SerializeToString())

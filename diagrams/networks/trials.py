@@ -20,6 +20,10 @@ GYRO_BIAS, GYRO_NOISE, ANGLE_NOISE = 0.01, 0.02, 0.003  # rad/s, rad/s, rad
 HARMONICS = np.arange(1, 5)
 SLOWEST, FASTEST = 0.4, 1.13  # m/s; m/s per m of body height
 STOP_SHARE = 0.2  # of the changes of speed
+SLOWEST_TEMPO, FASTEST_TEMPO = 0.8, 1.8  # times the cadence of the Walker at the same speed: strides of 0.55 to 2.2 s
+LAG_DEVIATION = 0.025  # s, by which one leg is late in every stride
+TURN_EVERY, TURN_LENGTH = 12.0, (1.5, 4.0)  # s
+TURN_RANGE, TURN_LAG = (0.5, 1.1), 0.06  # of the motion of a leg in a turn; largest lag of a leg, s
 STANDING_SPEED, WALKING_SPEED = 0.1, 0.3  # m/s: without a phase below the first, with one above the second
 
 
@@ -48,6 +52,36 @@ def trial(seed: int, duration: float) -> list[dict[str, np.ndarray]]:
     for leg, other in zip(legs, reversed(legs)):
         leg |= {f"opposite_hip_{name}": other[f"hip_{name}"] for name in ("angle", "velocity")}
     return legs
+
+
+def varied(seed: int, duration: float) -> list[dict[str, np.ndarray]]:
+    """Return a trial at another cadence, with legs that differ in time and turns, without torques.
+
+    In a turn the legs move over other ranges, and one is late. duration : s
+    """
+    random = np.random.default_rng((seed, 1))
+    tempo = float(np.exp(random.uniform(np.log(SLOWEST_TEMPO), np.log(FASTEST_TEMPO))))
+    time = np.arange(round(duration * RATE)) / RATE
+    legs = trial(seed, tempo * duration + 1.0)
+    begins = np.arange(random.uniform(2.0, 8.0), duration, TURN_EVERY)
+    turns = [(begin, random.uniform(*TURN_LENGTH)) for begin in begins]
+    channels = []
+    for leg in legs:
+        lag, gain = np.full(len(time), random.normal(0.0, LAG_DEVIATION)), np.ones(len(time))
+        for begin, length in turns:
+            share = np.sin(np.pi * np.clip((time - begin) / length, 0.0, 1.0)) ** 2
+            lag += share * random.uniform(-TURN_LAG, TURN_LAG)
+            gain += share * (random.uniform(*TURN_RANGE) - 1.0)
+        own = RATE * np.clip(tempo * (time + 0.15 - lag), 0.0, None)
+        ticks = np.arange(len(leg["hip_angle"]))
+        angle, velocity, sine, cosine = (
+            np.interp(own, ticks, leg[name]) for name in ("hip_angle", "hip_velocity", "phase_sin", "phase_cos")
+        )
+        velocity = gain * velocity * np.gradient(own) + RATE * np.gradient(gain) * angle
+        channels.append({"hip_angle": gain * angle, "hip_velocity": velocity, "phase_sin": sine, "phase_cos": cosine})
+    for leg, other in zip(channels, reversed(channels)):
+        leg |= {f"opposite_hip_{name}": other[f"hip_{name}"] for name in ("angle", "velocity")}
+    return channels
 
 
 def adult(random: np.random.Generator, seed: int, mass: float, duration: float) -> Diagram:
