@@ -129,6 +129,10 @@ class Walker(Block):
     locals().update(ports_of_legs())
     pelvis_motion = Output("any", MOTION.format("the hips"), shape=(9,))
     walking_speed = Output("m/s", "walking speed of the schedule")
+    plausible = Output("1", "false once the adult has exceeded a limit of people", dtype=bool)
+    limit = Output("1", "limit that was exceeded first, an index of `limits`", dtype=int)
+    plausible_time = Output("s", "time for which the motion was plausible")
+    limits = ("none", *(f"the {joint} exceeds its stop by more than 5°" for joint in JOINTS))
 
     body = Memory(0.0, "lengths, inertias and masses")
     muscles = Memory(0.0, "stiffness, damping and range of each joint")

@@ -65,6 +65,11 @@ class Result(Prepared):
             return None
         return f"the session ended after {self.ticks / self.schedule.rate:g} s: {subject.name} allows no more"
 
+    @property
+    def implausible(self) -> str | None:
+        """First limit of the simulated wearer that the run exceeded, as text; None without one."""
+        return None if self.simulation is None else self.simulation.implausible()
+
     def end_event(self) -> dict[str, Any]:
         """Return the last event of a recording."""
         outcome = self.outcome
@@ -82,6 +87,7 @@ class Result(Prepared):
             "late": self.control.late,
             "answers": self.control.reports.latencies,
             "held": self.held,
+            "implausible": self.implausible,
             "report": self.report,
             "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
         }

@@ -29,7 +29,10 @@ cdef enum: # outputs of a leg, in the order of the class; of each joint 5
 
 cdef enum: # outputs behind those of both legs
     PELVIS_MOTION = 2 * OF_LEG
-    WALKING_SPEED
+    WALKING_SPEED, PLAUSIBLE, LIMIT, PLAUSIBLE_TIME
+
+cdef enum: # limits of people, in the order of `limits` in the class
+    NONE, HIP_STOP, KNEE_STOP, ANKLE_STOP
 
 cdef struct Muscle:             # of a joint: `muscles` in the class
     double stiffness            # without a moment, N·m/rad
@@ -77,6 +80,8 @@ cdef struct State:
     double distance             # m
     double head                 # oldest entry of `history`
     double phase_rate, phase_acceleration, speed, speed_rate
+    double limit                # that was exceeded first
+    double plausible_time       # s until then
     Draws draws[2]
     Leg legs[2]
     Blend blend
@@ -98,6 +103,7 @@ cdef double HALT = 0.15         # m/s, speed below which the stride slows down t
 cdef double ADAPTATION_TIME = 0.05      # s
 cdef double RANGE_STIFFNESS = 800.0     # N·m/rad outside the range of a joint
 cdef double RANGE_DAMPING = 20.0        # N·m·s/rad
+cdef double RANGE_MARGIN = 0.0873       # rad beyond the range that ligaments bear
 
 
 cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noexcept nogil:
@@ -111,6 +117,11 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
         of_tables(arena, at, sizes, state, &reference)
     memmove(arena + out[PELVIS_MOTION], reference.motion, sizeof(reference.motion))
     arena[out[WALKING_SPEED]] = reference.walking_speed
+    arena[out[PLAUSIBLE]] = state.limit == NONE
+    arena[out[LIMIT]] = state.limit
+    if state.limit == NONE:
+        state.plausible_time = arena[TIME]
+    arena[out[PLAUSIBLE_TIME]] = state.plausible_time
     for side in range(2):
         step_leg(arena, at, sizes, side, reference.motion, &reference.legs[side], out + side * OF_LEG)
     return OK
@@ -340,7 +351,9 @@ cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noe
             oldest[6 * side + 3 + j] = state.legs[side].velocity[j]
             torque[j] = arena[assistance[3 * side + j]] - yielded[j]
             yielded[j] += share * (arena[at.adaptation] * arena[assistance[3 * side + j]] - yielded[j])
-        move_leg(arena + at.body, <const Muscle *>(arena + at.muscles), pitch, dt, torque, &state.legs[side])
+        j = move_leg(arena + at.body, <const Muscle *>(arena + at.muscles), pitch, dt, torque, &state.legs[side])
+        if state.limit == NONE:
+            state.limit = j
     state.head += 1.0
     if 12 * <int>state.head >= sizes.history:
         state.head = 0.0
@@ -349,11 +362,13 @@ cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noe
     return OK
 
 
-cdef inline void move_leg(const double *body, const Muscle *muscles, double pelvis, double dt, const double *torque,
+cdef inline int move_leg(const double *body, const Muscle *muscles, double pelvis, double dt, const double *torque,
         Leg *leg) noexcept nogil:
     """Advance the deviation by one step, with the stiffness and the damping at its end. (Linearly implicit Euler)
 
     (M + h B + h² K) v' = M v + h (τ + τ_reflex - K x),  x' = x + h v'
+
+    Returns the limit that the leg exceeds, NONE for none.
     """
     cdef double angle[3]
     cdef double arms_x[3]
@@ -363,6 +378,7 @@ cdef inline void move_leg(const double *body, const Muscle *muscles, double pelv
     cdef double stiffness, damping, stop, share
     cdef Geometry g
     cdef Symmetric m, k, held
+    cdef int limit = NONE
     cdef int j
     for j in range(3):
         angle[j] = leg.angle[j] + leg.deviation[j]
@@ -390,6 +406,8 @@ cdef inline void move_leg(const double *body, const Muscle *muscles, double pelv
         stiffness, damping = leg.stiffness[j], leg.damping[j]
         stop = beyond(angle[j], &muscles[j]) - beyond(leg.angle[j], &muscles[j])
         spring[j] += stiffness * leg.deviation[j] + RANGE_STIFFNESS * stop
+        if fabs(stop) > RANGE_MARGIN:
+            limit = HIP_STOP + j
         if stop != 0.0:
             stiffness += RANGE_STIFFNESS
             damping += RANGE_DAMPING
@@ -406,6 +424,7 @@ cdef inline void move_leg(const double *body, const Muscle *muscles, double pelv
         leg.acceleration[j] = (momentum[j] - leg.velocity[j]) / dt
         leg.velocity[j] = momentum[j]
         leg.deviation[j] += dt * momentum[j]
+    return limit
 
 
 cdef inline double beyond(double angle, const Muscle *muscle) noexcept nogil:

@@ -61,7 +61,9 @@ def _versions(optimisation: Optimisation) -> dict[str, str]:
 def _no_cost(optimisation: Optimisation, rows: Rows, evaluation: int, runs: int) -> str:
     """Return the message about a generation without a cost. evaluation : its last one"""
     row = rows[evaluation * runs]
-    reason = row["error"] or row["fault"] or f"{optimisation.minimised} = {row[optimisation.minimised]}"
+    reason = (
+        row["error"] or row["fault"] or row["invalid"] or f"{optimisation.minimised} = {row[optimisation.minimised]}"
+    )
     return (
         f"no proposal of generation {evaluation // optimisation.population} has a cost ({reason}): "
         "correct the bounds in `over` or the objective"

@@ -27,7 +27,7 @@ else:
 
 TABLES = ("settings", "grid", "sample", "objectives")
 KEYS = ("diagram", "duration", "rate", "seeds", "samples", "sample_seed", "subject", *TABLES)
-RESULTS = ("trial", "ticks", "fault", "error")  # columns of every table
+RESULTS = ("trial", "ticks", "fault", "error", "invalid")  # columns of every table
 DISTRIBUTIONS: dict[str, Callable[[np.random.Generator, int, Any, Any], np.ndarray]] = {
     "uniform": lambda source, count, low, high: source.uniform(low, high, count),
     "log_uniform": lambda source, count, low, high: np.exp(source.uniform(math.log(low), math.log(high), count)),

@@ -29,7 +29,7 @@ PURPOSE = "the table of a study"
 
 
 class StudyResult:
-    """Table of a study: `trial`, the parameters, the objectives, `ticks`, `fault` and `error` of each trial.
+    """Table of a study: `trial`, parameters, objectives, `ticks`, `fault`, `error` and `invalid` of each trial.
 
         result["work"]          # array over the trials, NaN for a missing value
         result.table()          # pandas DataFrame
@@ -79,10 +79,11 @@ class StudyResult:
         )
 
     def summary(self) -> Iterator[str]:
-        """Yield the lines of a summary: trials, faults and errors, and the range of each objective with its trials."""
-        faults, errors = ([text for text in self.columns[name] if text is not None] for name in ("fault", "error"))
-        yield f"{count(len(self), 'trial')}, {count(len(faults), 'fault')}, {count(len(errors), 'error')}"
-        for kind, texts in (("fault", faults), ("error", errors)):
+        """Yield the lines of a summary: trials, their problems, and the range of each objective with its trials."""
+        problems = {kind: [text for text in self.columns[kind] if text is not None] for kind in RESULTS[2:]}
+        faults, errors, invalid = map(len, problems.values())
+        yield f"{count(len(self), 'trial')}, {count(faults, 'fault')}, {count(errors, 'error')}, {invalid} invalid"
+        for kind, texts in problems.items():
             if texts:
                 yield f"  first {kind}: {texts[0]}"
         width = max(map(len, self.study.objectives))
@@ -114,7 +115,7 @@ class StudyResult:
         """Write the Parquet file. identity : the description, which becomes metadata of the file"""
         arrow, parquet = need("pyarrow", PURPOSE), need("pyarrow.parquet", PURPOSE)
         types = dict.fromkeys(self.study.objectives, arrow.float64())
-        types |= {"trial": arrow.int64(), "ticks": arrow.int64(), "fault": arrow.string(), "error": arrow.string()}
+        types |= {"trial": arrow.int64(), "ticks": arrow.int64(), **dict.fromkeys(RESULTS[2:], arrow.string())}
         arrays = [arrow.array(_alike(values), types.get(name)) for name, values in self.columns.items()]
         table = arrow.Table.from_arrays(arrays, names=self.names)
         parquet.write_table(table.replace_schema_metadata({ABOUT: json.dumps(identity)}), file, compression="zstd")

@@ -25,28 +25,31 @@ class UserCodeError(Exception):
 
 
 def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> dict[str, Any]:
-    """Run a trial and return {"ticks", "fault", "error", objective: number}.
+    """Run a trial and return {"ticks", "fault", "error", "invalid", objective: number}.
 
     run : arguments of runtime.run
 
-    After a fault, and where the run or an objective raises BadInput, the objectives are None, and `fault` or `error`
-    is the reason. `error` also names objectives that are not finite. Raises UserCodeError.
+    After a fault, where the wearer exceeds a limit of people, and where the run or an objective raises BadInput, the
+    objectives are None, and `fault`, `invalid` or `error` is the reason. `error` also names objectives that are not
+    finite. Raises UserCodeError.
     """
-    nothing = dict.fromkeys(objectives)
+    nothing = dict.fromkeys(["fault", "error", "invalid", *objectives])
     try:
         trial = simulate(diagram, **run)
         if trial.fault is not None:
             culprit = trial.fault.get("culprit")
             text = trial.fault["status"] + (f": {culprit}" if culprit else "")
-            return {"ticks": len(trial), "fault": text, "error": None, **nothing}
+            return {**nothing, "ticks": len(trial), "fault": text}
+        if trial.implausible:
+            return {**nothing, "ticks": len(trial), "invalid": trial.implausible}
         values = {name: _number(name, function(trial)) for name, function in objectives.items()}
         wrong = [f"{name} = {value}" for name, value in values.items() if not math.isfinite(value)]
         reason = f"{', '.join(wrong)}: expected a finite number" if wrong else None
-        return {"ticks": len(trial), "fault": None, "error": reason, **values}
+        return {**nothing, "ticks": len(trial), "error": reason, **values}
     except BadInput as error:
-        return {"ticks": 0, "fault": None, "error": str(error), **nothing}
+        return {**nothing, "ticks": 0, "error": str(error)}
     except DiagramError as error:
-        return {"ticks": 0, "fault": None, "error": str(error.diagnostics[0]), **nothing}
+        return {**nothing, "ticks": 0, "error": str(error.diagnostics[0])}
     except Exception as error:
         raise UserCodeError(f"{type(error).__name__}: {error} ({_place(error)})") from error
 

@@ -346,9 +346,15 @@ class TrialData:
         end = (self.end or {}).get("end") or {"status": "ok"}
         return None if end["status"] == "ok" else {key: end.get(key) for key in ("status", "culprit", "tick", "report")}
 
+    @property
+    def implausible(self) -> str | None:
+        """First limit of the simulated wearer that the run exceeded, as text; None without one."""
+        return ((self.end or {}).get("end") or {}).get("implausible")
+
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
         fault = f", fault: {self.fault['status']}" if self.fault else ""
+        fault += ", not plausible" * bool(self.implausible)
         problem = "" if self.complete else ", unfinished" if self.unfinished else ", cut or damaged"
         problem += f", {self.unverified} ticks without a checksum" if self.unverified else ""
         return one_line(

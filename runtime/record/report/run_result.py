@@ -36,6 +36,11 @@ class RunResult(Protocol):
     held: Any  # as returned by runtime.record.report.held_exceptions.held_exceptions
 
     @property
+    def implausible(self) -> str | None:
+        """First limit of the simulated wearer that the run exceeded, as text; None without one."""
+        ...
+
+    @property
     def failed_in_plant(self) -> bool:
         """Whether the fault came from a block of the plant."""
         ...

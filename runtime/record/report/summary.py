@@ -89,6 +89,8 @@ def summary(result: RunResult) -> list[str]:
     def row(label, text):
         rows.append(f"  {label:<11} {text}")
 
+    if result.implausible:
+        row("NOT VALID", f"{result.implausible}, beyond the limits of a wearer")
     if schedule.devices and result.rig is None and not result.simulation.given:
         row("plant", "none in the file: every device is emulated, and each actuator drives a free inertia")
     row("ticks", _ticks_text(statistics, result.ticks))

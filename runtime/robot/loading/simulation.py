@@ -73,6 +73,23 @@ class Simulation:
         """Signals of the plant that follow those of the robot in the rows of a run."""
         return self.plant.recorded if self.plant is not None else ()
 
+    def implausible(self) -> str | None:
+        """Return the first limit of its wearer that the run exceeded, as text; None without one.
+
+        A wearer is a block of the plant with the outputs plausible, limit and plausible_time, and the texts `limits`.
+        """
+        if self.program is None or self.plant is None or self.diagram is None:
+            return None
+        for block in self.diagram:
+            if "plausible" in block.outputs:
+                plausible, limit, time = (
+                    self.program.values[self.plant.signals[f"{block.path}.{name}"].slot]
+                    for name in ("plausible", "limit", "plausible_time")
+                )
+                if not plausible:
+                    return f"{block.path}: {block.limits[int(limit)]} after {time:.3g} s"
+        return None
+
     def ends(self) -> list[BusEnd]:
         """Return the robot's end of each bus, in the schedule's order."""
         return [bus.host for bus in self.buses.values()]

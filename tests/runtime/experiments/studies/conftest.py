@@ -62,6 +62,23 @@ def dies(trial):
 """
 
 
+KNEE = """\
+from blocks.sources import Constant, Pulse
+from blocks.wearer import Walker
+from graph import Diagram
+
+
+def build():
+    with Diagram("knee", rate=200) as diagram:
+        Constant(1.0, name="one")()
+    return diagram
+
+
+def plant(robot, torque=0.0):
+    with Diagram("wearer", rate=1000) as wearer:
+        Walker(name="walker")(left_knee_assistance=Pulse(low=torque, high=-torque, unit="N·m")())
+    return wearer
+"""
 LIMB = """\
 from blocks.sources import Constant
 from graph import Diagram

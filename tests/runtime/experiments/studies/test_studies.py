@@ -14,6 +14,7 @@ from runtime.experiments.studies import picture
 from runtime.experiments.studies.journal import Journal
 from runtime.host.errors import BAD_INPUT, OK, BadInput
 from tests.checkout import ROOT
+from tests.runtime.experiments.studies.conftest import KNEE
 from tests.runtime.runs import KNEE_EXO
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -44,7 +45,7 @@ def test_table_is_equal_bit_for_bit_in_processes_and_in_this_process(folder):
         study(output=folder / f"{name}.parquet", workers=workers, **more)
     assert (folder / "here.parquet").read_bytes() == (folder / "two.parquet").read_bytes()
     table = parquet.read_table(folder / "two.parquet").to_pydict()
-    assert list(table) == ["trial", "gain", "frequency", "seed", "peak", "noise", "ticks", "fault", "error"]
+    assert list(table) == ["trial", "gain", "frequency", "seed", "peak", "noise", "ticks", "fault", "error", "invalid"]
     assert table["gain"] == [1.0] * 4 + [2.0] * 4 + [3.5] * 4 and table["seed"] == [1, 2] * 6
     assert len(set(table["noise"])) == 2, "the noise depends on the seed alone"
     assert len(set(table["frequency"])) == 2, "every grid point has the same samples"
@@ -155,6 +156,21 @@ def test_faults_and_errors_are_columns_of_the_table(folder):
     with pytest.raises(BadInput, match=r"trial 0 \(gain=0.25\): gain 0.25 is not allowed"):
         study(workers=0, grid={"gain": [0.25, 1.0]}, output="study.parquet")
     assert not list(folder.glob("study*")), "the corrected study can have the same name"
+
+
+def test_trial_in_which_a_knee_exceeds_its_stop_is_invalid_and_has_no_objectives(folder):
+    (folder / "knee.py").write_text(KNEE)
+    angle = {"function": "peak", "signal": "plant/walker.left_knee_angle"}
+    result = study(
+        diagram="knee.py", duration=3.0, grid={"torque": [0.0, 150.0]}, objectives={"angle": angle}, workers=0
+    )
+    assert np.isfinite(result["angle"]).tolist() == [True, False] and result["invalid"][0] is None
+    assert result["invalid"][1].startswith("walker: the knee exceeds its stop by more than 5° after ")
+    assert list(result.summary())[:2] == [
+        "2 trials, 0 faults, 0 errors, 1 invalid",
+        f"  first invalid: {result['invalid'][1]}",
+    ]
+    assert result.run(1).implausible == result["invalid"][1] and result.run(0).implausible is None
 
 
 def test_usual_objectives_of_a_walking_wearer():
@@ -271,7 +287,7 @@ def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder,
     (folder / "study.toml").write_text(STUDY + 'count = "costs_of_test:counted"\n')
     code, out, err = command_line("study", "study.toml", "--workers", "1")
     assert (code, err) == (OK, "")
-    assert "3 trials, 0 faults, 0 errors" in out and "highest" in out and "trial 2: gain=3.5" in out
+    assert "3 trials, 0 faults, 0 errors, 0 invalid" in out and "highest" in out and "trial 2: gain=3.5" in out
     assert out.endswith("study.parquet\nstudy.png\n") and (folder / "study.png").read_bytes().startswith(b"\x89PNG")
     assert "expected the TOML file of a study" in command_line("study", "sine.py")[2]
     assert "create the folder out first" in command_line("study", "study.toml", "-o", "out/study.parquet")[2]

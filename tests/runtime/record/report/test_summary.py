@@ -16,6 +16,18 @@ from runtime.session.session import Session
 from tests.runtime.runs import KNEE, KNEE_EXO, finished, knee, line_of, write, writer_of
 from tests.runtime.terminals import patient
 
+PUSHED = """
+from blocks.sources import Pulse
+from blocks.wearer import Walker
+
+
+def plant(robot):
+    with Diagram("wearer", rate=1000) as wearer:
+        motion = Walker(name="walker")(left_knee_assistance=Pulse(low=150.0, high=-150.0, unit="N·m")())
+        robot["knee"].emulator()(position=motion.left_knee_angle, velocity=motion.left_knee_velocity)
+    return wearer
+"""
+
 
 def outcome(status="ok", number=0):
     return Outcome(status, None, 99, number, None, (), ())
@@ -81,6 +93,16 @@ def test_summary_reports_clock_only_in_real_time(walked, tmp_path):
 def test_unknown_plant_is_reported(tmp_path):
     lines = summary.summary(carry_out(knee(tmp_path)))
     assert "  plant       none in the file: every device is emulated, and each actuator drives a free inertia" in lines
+
+
+def test_run_in_which_the_wearer_exceeds_a_limit_is_not_valid(tmp_path, walked):
+    file = knee(tmp_path)
+    file.write_text(file.read_text() + PUSHED)
+    result = carry_out(file, 2.0)
+    [line] = [line for line in summary.summary(result) if "NOT VALID" in line]
+    assert line.startswith("  NOT VALID   walker: the knee exceeds its stop by more than 5° after 1.")
+    assert result.end_event()["implausible"] in line
+    assert not any("NOT VALID" in line for line in summary.summary(walked))
 
 
 def test_speed_is_measured_with_the_wall_clock(walked):
