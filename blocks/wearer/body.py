@@ -14,6 +14,9 @@ THIGH = (0.1447, 0.3854, 0.3465)
 SHANK = (0.0457, 0.4374, 0.2545)
 FOOT = (0.0133, 0.4215, 0.262)
 
+# Head, arms and trunk: centre of mass over the hips, and radius of gyration about it, in body heights. (Winter 2009)
+TRUNK_CENTRE, TRUNK_GYRATION = 0.180, 0.143
+
 GRAVITY = 9.80665  # m/s²
 
 
@@ -22,6 +25,7 @@ def plan(mass: float, height: float) -> tuple[float, ...]:
     thigh, shank, foot = (length * height for length in (THIGH_LENGTH, SHANK_LENGTH, FOOT_LENGTH))
     m1, m2, m3 = (segment[0] * mass for segment in (THIGH, SHANK, FOOT))
     c1, c2 = THIGH[1] * thigh, SHANK[1] * shank
+    trunk = mass - 2.0 * (m1 + m2 + m3)
     ahead, below = FOOT[1] * foot + HEEL * height, 0.5 * ANKLE_HEIGHT * height  # foot's centre of mass from the ankle
     return (
         thigh,
@@ -35,8 +39,10 @@ def plan(mass: float, height: float) -> tuple[float, ...]:
         m2 * c2 + m3 * shank,
         m3 * ahead,
         m3 * below,
-        GRAVITY * (m1 * c1 + (m2 + m3) * thigh),
-        mass - m1 - m2 - m3,
+        m1 * c1 + (m2 + m3) * thigh,
+        trunk * TRUNK_CENTRE * height,
+        trunk * (TRUNK_CENTRE**2 + TRUNK_GYRATION**2) * height**2,
         mass * GRAVITY,
         mass,
+        mass * height**2,
     )

@@ -58,12 +58,13 @@ class Walker(Block):
     """Walking adult in the sagittal plane: pelvis, hips, knees, ankles, feet on level ground.
 
     The reference motion is the mean of 20 adults, a series of 12 harmonics over the stride, interpolated between
-    walking speeds and joined smoothly to standing. (Bovi et al. 2011) Torques of a robot make the legs deviate from it:
+    walking speeds and joined smoothly to standing. (Bovi et al. 2011) Torques of a robot make the body deviate from it:
 
-        M(q) δ'' + B δ' + K δ + gravity + reflex(δ(t - delay)) = (1 - adaptation) assistance
+        M(q) δ'' + B δ' + K δ + c(q, q') + reflex(δ(t - delay)) = (1 - adaptation) assistance + Jᵀ ground
 
-    with the inertia of thigh, shank and foot (de Leva 1996), and in stance that of the body over the foot. K grows with
-    the moment of the joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
+    δ are the six joints and place and pitch of the pelvis with the trunk; M and c are those of the seven segments (de
+    Leva 1996, Winter 2009). A loaded foot sticks to the ground up to its friction. K grows with the moment of the
+    joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
     (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022). Trained
     wearers yield 80 % of an assistance at the ankle (Nuckols and Sawicki 2020); at hip and knee the same is assumed.
 
@@ -81,9 +82,11 @@ class Walker(Block):
     ground forces, torques and the pitch of the pelvis are played where it has them (docs/explanation/wearer.md names
     the columns); else they follow from the angles and from the average adult at the same phase.
 
-    Limits: the pelvis follows the reference and does not deviate; its pitch is constant. Step length and cadence do not
-    adapt to the robot. Both legs have the same mean motion. Stumbling, turning and slopes are not modelled. The
-    reaction of the ground to a deviation is limited to the body weight.
+    The legs that bear the body hold the balance: they transmit a force and a moment of the ground that return pelvis
+    and trunk. `plausible` is false from the moment at which the motion exceeds one of `limits`.
+
+    Limits: cadence and the plan of the next step do not adapt to the robot. Both legs have the same mean motion.
+    Turning and slopes are not modelled.
     """
 
     speed = Param(1.2, "1", 'walking speed in m/s, or times and speeds as in "0:0 2:1.2 20:1.2 25:0"', dtype=object)
@@ -132,7 +135,15 @@ class Walker(Block):
     plausible = Output("1", "false once the adult has exceeded a limit of people", dtype=bool)
     limit = Output("1", "limit that was exceeded first, an index of `limits`", dtype=int)
     plausible_time = Output("s", "time for which the motion was plausible")
-    limits = ("none", *(f"the {joint} exceeds its stop by more than 5°" for joint in JOINTS))
+    limits = (
+        "none",
+        *(f"the {joint} exceeds its stop by more than 5°" for joint in JOINTS),
+        "the trunk tilts by more than 30°",
+        "the hips fall by more than 15 cm",
+        "a loaded foot slips by more than 10 cm",
+        "a swinging foot meets the ground",
+        "the centre of pressure leaves a foot by more than 10 cm",
+    )
 
     body = Memory(0.0, "lengths, inertias and masses")
     muscles = Memory(0.0, "stiffness, damping and range of each joint")

@@ -1,9 +1,8 @@
-"""Deviation of a leg from its reference motion under external torques at hip, knee and ankle.
+"""Two legs that hang from the pelvis as three rods each, with the trunk above them.
 
-The leg hangs from the pelvis as three rods. In stance the loaded foot is at rest and the leg moves the body's mass
-instead: the share of the body weight on the foot times that mass is added at the point of contact. Angles of the rods
-are pitches; q is hip flexion, knee flexion and ankle dorsiflexion: thigh = hip, shank = hip - knee, foot = shank +
-ankle, each on top of the pelvis.
+Angles of the rods are pitches; q is hip flexion, knee flexion and ankle dorsiflexion: thigh = hip, shank = hip - knee,
+foot = shank + ankle, each on top of the pitch of the pelvis. A vector of three numbers of the pitches becomes one of
+the joints by their sums: hip f1 + f2 + f3, knee -(f2 + f3), ankle f3.
 """
 
 from libc.math cimport cos, sin
@@ -13,8 +12,10 @@ cdef enum: # of a body (blocks/wearer/body.py)
     THIGH_INERTIA, SHANK_INERTIA, FOOT_INERTIA     # about the proximal joint, distal segments as points at the far end
     SHANK_MOMENT                # m c of the shank with the foot at its end
     FOOT_AHEAD, FOOT_BELOW      # m times the place of the foot's centre of mass from the ankle
-    THIGH_WEIGHT                # gravity torque of the horizontal leg's thigh, with the rest at its end
-    BODY_MASS, WEIGHT, MASS     # without one leg; weight and mass of all
+    THIGH_MOMENT                # m c of the thigh with the rest at its end
+    TRUNK_MOMENT, TRUNK_INERTIA # of head, arms and trunk: m c, and about the hips
+    WEIGHT, MASS                # of all
+    SIZE                        # mass times height squared
 
 cdef struct Direction:          # of a rod: its sine and cosine
     double s, c
@@ -24,6 +25,27 @@ cdef struct Geometry:
 
 cdef struct Symmetric:          # 3 x 3
     double hh, hk, ha, kk, ka, aa
+
+cdef struct Chain:              # change of a leg with the pitches of thigh, shank and foot, from the hip
+    double wx[3]                # of the first moment of mass, kg·m
+    double wz[3]
+    double px[3]                # of the point of contact, m
+    double pz[3]
+    double z                    # height of the point of contact over the hip, m
+
+
+cdef inline void pitches(double base, const double *q, double *out) noexcept nogil:
+    """Compute the pitches, or their rates, of thigh, shank and foot. base : of the pelvis"""
+    out[0] = base + q[0]
+    out[1] = out[0] - q[1]
+    out[2] = out[1] + q[2]
+
+
+cdef inline void of_joints(const double *f, double *out) noexcept nogil:
+    """Transform a vector of the pitches into one of the joints."""
+    out[2] = f[2]
+    out[1] = -(f[1] + f[2])
+    out[0] = f[0] + f[1] + f[2]
 
 
 cdef inline void directions(Geometry *g, double pelvis, const double *q) noexcept nogil:
@@ -35,9 +57,69 @@ cdef inline void directions(Geometry *g, double pelvis, const double *q) noexcep
     g.foot.s, g.foot.c = sin(foot), cos(foot)
 
 
-cdef inline Symmetric of_joints(double tt, double ts, double tf, double ss, double sf, double ff) noexcept nogil:
-    """Transform a quadratic form of the pitches of thigh, shank and foot into one of the joint angles."""
+cdef inline void chain(Chain *out, const double *body, const Geometry *g, double centre) noexcept nogil:
+    """Compute the chain of a leg. centre : of pressure, from the ankle forward, m"""
+    cdef double l1 = body[THIGH_LENGTH]
+    cdef double l2 = body[SHANK_LENGTH]
+    cdef double h = body[ANKLE_HEIGHT]
+    out.px[0], out.pz[0] = l1 * g.thigh.c, l1 * g.thigh.s
+    out.px[1], out.pz[1] = l2 * g.shank.c, l2 * g.shank.s
+    out.px[2], out.pz[2] = h * g.foot.c - centre * g.foot.s, h * g.foot.s + centre * g.foot.c
+    out.wx[0], out.wz[0] = body[THIGH_MOMENT] * g.thigh.c, body[THIGH_MOMENT] * g.thigh.s
+    out.wx[1], out.wz[1] = body[SHANK_MOMENT] * g.shank.c, body[SHANK_MOMENT] * g.shank.s
+    out.wx[2] = body[FOOT_BELOW] * g.foot.c - body[FOOT_AHEAD] * g.foot.s
+    out.wz[2] = body[FOOT_BELOW] * g.foot.s + body[FOOT_AHEAD] * g.foot.c
+    out.z = centre * g.foot.s - h * g.foot.c - out.px[0] - out.px[1]
+
+
+cdef inline double dot(const double *a, const double *b) noexcept nogil:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+cdef inline double along(const Chain *g, int i, int j) noexcept nogil:
+    """Return the inertia between rod i and a rod j below it."""
+    return g.px[i] * g.wx[j] + g.pz[i] * g.wz[j]
+
+
+cdef inline double across(const Chain *g, int i, int j) noexcept nogil:
+    """Return the torque on rod i per squared rate of a rod j below it; with the other sign that on j from i."""
+    return g.pz[i] * g.wx[j] - g.px[i] * g.wz[j]
+
+
+cdef inline void demand(const double *body, const Chain *g, const double *rate, const double *acceleration, double x,
+        double z, double *torque, double *force) noexcept nogil:
+    """Compute the torques of the pitches and the force at the hip, forward and up, that a motion demands.
+
+    rate, acceleration : of the pitches; x, z : acceleration of the hip, that of gravity added
+    The force is without the mass of the leg times the acceleration of the hip.
+    """
+    cdef double w[3]
+    cdef int j
+    for j in range(3):
+        w[j] = rate[j] * rate[j]
+        torque[j] = g.wx[j] * x + g.wz[j] * z
+    torque[0] += (body[THIGH_INERTIA] * acceleration[0] + along(g, 0, 1) * acceleration[1]
+        + along(g, 0, 2) * acceleration[2] + across(g, 0, 1) * w[1] + across(g, 0, 2) * w[2])
+    torque[1] += (along(g, 0, 1) * acceleration[0] + body[SHANK_INERTIA] * acceleration[1]
+        + along(g, 1, 2) * acceleration[2] - across(g, 0, 1) * w[0] + across(g, 1, 2) * w[2])
+    torque[2] += (along(g, 0, 2) * acceleration[0] + along(g, 1, 2) * acceleration[1]
+        + body[FOOT_INERTIA] * acceleration[2] - across(g, 0, 2) * w[0] - across(g, 1, 2) * w[1])
+    force[0] = dot(g.wx, acceleration) - dot(g.wz, w)
+    force[1] = dot(g.wz, acceleration) + dot(g.wx, w)
+
+
+cdef inline Symmetric inertia(const double *body, const Chain *g, double x, double z, const double *more) noexcept nogil:
+    """Compute the inertia of the joints of a leg.
+
+    x, z : mass at the point of contact that moves forward, and up; more : added to the inertia of each pitch
+    """
     cdef Symmetric m
+    cdef double tt = body[THIGH_INERTIA] + x * g.px[0] * g.px[0] + z * g.pz[0] * g.pz[0] + more[0]
+    cdef double ss = body[SHANK_INERTIA] + x * g.px[1] * g.px[1] + z * g.pz[1] * g.pz[1] + more[1]
+    cdef double ff = body[FOOT_INERTIA] + x * g.px[2] * g.px[2] + z * g.pz[2] * g.pz[2] + more[2]
+    cdef double ts = along(g, 0, 1) + x * g.px[0] * g.px[1] + z * g.pz[0] * g.pz[1]
+    cdef double tf = along(g, 0, 2) + x * g.px[0] * g.px[2] + z * g.pz[0] * g.pz[2]
+    cdef double sf = along(g, 1, 2) + x * g.px[1] * g.px[2] + z * g.pz[1] * g.pz[2]
     m.aa = ff
     m.ka = -(sf + ff)
     m.kk = ss + 2.0 * sf + ff
@@ -45,46 +127,6 @@ cdef inline Symmetric of_joints(double tt, double ts, double tf, double ss, doub
     m.hk = -(ts + tf + ss + 2.0 * sf + ff)
     m.hh = tt + ss + ff + 2.0 * (ts + tf + sf)
     return m
-
-
-cdef inline void contact_arms(const double *body, const Geometry *g, double centre, double *x,
-        double *z) noexcept nogil:
-    """Compute the velocity of the point of contact from the hip per pitch rate of thigh, shank and foot.
-
-    centre : from the ankle forward, m
-    """
-    cdef double h = body[ANKLE_HEIGHT]
-    x[0], z[0] = body[THIGH_LENGTH] * g.thigh.c, body[THIGH_LENGTH] * g.thigh.s
-    x[1], z[1] = body[SHANK_LENGTH] * g.shank.c, body[SHANK_LENGTH] * g.shank.s
-    x[2], z[2] = h * g.foot.c - centre * g.foot.s, h * g.foot.s + centre * g.foot.c
-
-
-cdef inline Symmetric inertia(const double *body, const Geometry *g, double borne, const double *x,
-        const double *z) noexcept nogil:
-    """Compute the inertia of the leg with `borne` kg at the point of contact."""
-    cdef double fx = body[FOOT_BELOW] * g.foot.c - body[FOOT_AHEAD] * g.foot.s
-    cdef double fz = body[FOOT_BELOW] * g.foot.s + body[FOOT_AHEAD] * g.foot.c
-    cdef double l1 = body[THIGH_LENGTH]
-    cdef double l2 = body[SHANK_LENGTH]
-    return of_joints(
-        body[THIGH_INERTIA] + borne * (x[0] * x[0] + z[0] * z[0]),
-        body[SHANK_MOMENT] * l1 * (g.thigh.c * g.shank.c + g.thigh.s * g.shank.s)
-        + borne * (x[0] * x[1] + z[0] * z[1]),
-        l1 * (g.thigh.c * fx + g.thigh.s * fz) + borne * (x[0] * x[2] + z[0] * z[2]),
-        body[SHANK_INERTIA] + borne * (x[1] * x[1] + z[1] * z[1]),
-        l2 * (g.shank.c * fx + g.shank.s * fz) + borne * (x[1] * x[2] + z[1] * z[2]),
-        body[FOOT_INERTIA] + borne * (x[2] * x[2] + z[2] * z[2]),
-    )
-
-
-cdef inline Symmetric gravity(const double *body, const Geometry *g, double load, double flat) noexcept nogil:
-    """Compute the stiffness of gravity on the hanging leg, less with load, and of the ground under a flat foot."""
-    cdef double free = 1.0 - load
-    return of_joints(
-        free * body[THIGH_WEIGHT] * g.thigh.c, 0.0, 0.0,
-        free * 9.80665 * body[SHANK_MOMENT] * g.shank.c, 0.0,
-        free * 9.80665 * (body[FOOT_BELOW] * g.foot.c - body[FOOT_AHEAD] * g.foot.s) + flat,
-    )
 
 
 cdef inline void solve(const Symmetric *m, double *b) noexcept nogil:
@@ -99,19 +141,3 @@ cdef inline void solve(const Symmetric *m, double *b) noexcept nogil:
     b[2] = (b[2] - l31 * b[0] - l32 * b[1]) / d3
     b[1] = b[1] / d2 - l32 * b[2]
     b[0] = b[0] / m.hh - l21 * b[1] - l31 * b[2]
-
-
-cdef inline void times(const Symmetric *m, const double *x, double *y) noexcept nogil:
-    y[0] = m.hh * x[0] + m.hk * x[1] + m.ha * x[2]
-    y[1] = m.hk * x[0] + m.kk * x[1] + m.ka * x[2]
-    y[2] = m.ha * x[0] + m.ka * x[1] + m.aa * x[2]
-
-
-cdef inline void mix(Symmetric *m, const Symmetric *other, double share) noexcept nogil:
-    """Replace m by share · m + (1 - share) · other."""
-    m.hh = share * m.hh + (1.0 - share) * other.hh
-    m.hk = share * m.hk + (1.0 - share) * other.hk
-    m.ha = share * m.ha + (1.0 - share) * other.ha
-    m.kk = share * m.kk + (1.0 - share) * other.kk
-    m.ka = share * m.ka + (1.0 - share) * other.ka
-    m.aa = share * m.aa + (1.0 - share) * other.aa
