@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -11,6 +13,7 @@ from blocks.wearer.mechanics import Real, pitches_of, support
 from blocks.wearer.norms import BODY_HEIGHT, COMPONENTS
 from blocks.wearer.stride import (
     FORCE_SINES,
+    HARMONICS,
     PHASES,
     balanced,
     centre_basis,
@@ -33,15 +36,19 @@ CENTRE_DEVIATION = 0.07  # foot lengths, so that torques of the ankle differ as 
 STANCE = np.linspace(0.0, 1.0, 101)
 STANCE_WAVES = sines(STANCE, FORCE_SINES)
 DRAW_LIMIT, SCORE_LIMIT = 2.0, 5.0  # standard deviations, of drawn and of given scores
+JOINTS = ("hip", "knee", "ankle")
 KNEE_LIMIT = np.radians(-8.0)  # rad, largest extension of the knee while walking
 
 
 def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any]]:
     """Return the series of an adult at the speeds of the entries.
 
-    person : scores of the first components in standard deviations, or a seed that draws all of them, 0 for the average.
-    A drawn adult whose knee would extend further than KNEE_LIMIT comes closer to the average. ValueError
+    person : scores of the first components in standard deviations, a seed that draws all of them, 0 for the average, or
+    the path of a file of blocks.wearer.fit. A drawn adult whose knee would extend further than KNEE_LIMIT comes closer
+    to the average. ValueError or OSError
     """
+    if isinstance(person, str) and person.endswith(".json"):
+        return [adult(entry, np.zeros(WEIGHTS * CURVES), read(person)) for entry in entries]
     scores = scores_of(person)
     if not np.any(scores):
         return list(entries)
@@ -50,6 +57,19 @@ def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any
         if not is_seed(person) or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT:
             return adults
         scores = 0.9 * scores
+
+
+def read(file: str) -> list[Real]:
+    """Return how the angles of a fitted adult differ from the average, as series in rad. ValueError or OSError"""
+    try:
+        deviations = [np.array(json.loads(Path(file).read_bytes())["angles"][joint], float) for joint in JOINTS]
+        if any(each.shape != (1 + 2 * HARMONICS,) or not np.all(np.isfinite(each)) for each in deviations):
+            raise ValueError
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(
+            f"{file} is not a fitted adult: make one with python -m blocks.wearer.fit WALK.csv {file}"
+        ) from None
+    return deviations
 
 
 def is_seed(person: object) -> TypeGuard[float]:
@@ -106,8 +126,10 @@ def fit(basis: Real, curve: Real) -> Real:
     return np.asarray(np.linalg.pinv(basis) @ curve, float)
 
 
-def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
-    """Return the series of an adult at the speed of an entry. weights : WEIGHTS of each of the CURVES
+def adult(entry: dict[str, Any], weights: Real, more: Sequence[Real] = ()) -> dict[str, Any]:
+    """Return the series of an adult at the speed of an entry.
+
+    weights : WEIGHTS of each of the CURVES; more : series in rad that are added to the angles
 
     The pelvis has the pitch with which the foot is flat in mid-stance; the strides are as long as the legs make them;
     the torques of the joints change by half of what inverse dynamics gives, as those of the average are half of it.
@@ -116,6 +138,7 @@ def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
     average = [values(each) for each in entry["angles"]]
     deviations = [values(each) for each in entry["angle_deviations"]]
     curves = [curve + spread(sd) @ part for curve, sd, part in zip(average, deviations, parts)]
+    curves = [curve + values(each) for curve, each in zip(curves, more)] if more else curves
     waves = shape(STANCE * entry["foot_off"])
     vertical, forward = (
         np.array(entry[name])

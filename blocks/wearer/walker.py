@@ -66,7 +66,12 @@ class Walker(Block):
     Leva 1996, Winter 2009). A loaded foot sticks to the ground up to its friction. K grows with the moment of the
     joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
     (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022). Trained
-    wearers yield 80 % of an assistance at the ankle (Nuckols and Sawicki 2020); at hip and knee the same is assumed.
+    wearers yield 80 % of an assistance at the ankle (Nuckols and Sawicki 2020), in phase and as far as they have a
+    torque of their own in that direction; at hip and knee similar shares are assumed. Against an opposing torque they
+    add 48 % of it within 50 ms, an assumption.
+
+    The metabolic power is 1.4 W/kg at rest, 1.42 times the positive power of the muscles, and a part of their squared
+    torques. It is within 10 % of that of adults (Ralston 1958).
 
     `person` selects an adult who differs from the average as the measured adults do; it is the same adult at every
     speed. An adult drawn at random whose knee would overextend is moved toward the average.
@@ -96,7 +101,8 @@ class Walker(Block):
     person = Param(
         0,
         "1",
-        "adult: 0 for the average, a seed for one drawn at random, or scores of components in standard deviations",
+        "adult: 0 for the average, a seed for one drawn at random, scores of components in standard deviations, or the "
+        "path of one that blocks.wearer.fit made of a recording",
         dtype=object,
     )
     start = Param(0.0, "1", "phase of the left leg at t = 0", min=0.0, max=1.0, fixed=True, kernel=False)
@@ -116,7 +122,7 @@ class Walker(Block):
     adaptation = Param(
         0.8,
         "1",
-        "share of the assistance by which a trained wearer reduces the torque of the muscles",
+        "share of a helpful torque by which a trained wearer reduces the torque of the muscles",
         min=0.0,
         max=1.0,
     )
@@ -135,6 +141,8 @@ class Walker(Block):
     plausible = Output("1", "false once the adult has exceeded a limit of people", dtype=bool)
     limit = Output("1", "limit that was exceeded first, an index of `limits`", dtype=int)
     plausible_time = Output("s", "time for which the motion was plausible")
+    metabolic_power = Output("W", "estimated metabolic power")
+    metabolic_change = Output("W", "part of the metabolic power that the torques of the robot cause")
     limits = (
         "none",
         *(f"the {joint} exceeds its stop by more than 5°" for joint in JOINTS),

@@ -27,9 +27,12 @@ cdef enum: # outputs of a leg, in the order of the class; of each joint 5
     CENTRE_OF_PRESSURE, CONTACT, PHASE
     OF_LEG
 
+cdef enum:
+    KNEE = 1
+
 cdef enum: # outputs behind those of both legs
     PELVIS_MOTION = 2 * OF_LEG
-    WALKING_SPEED, PLAUSIBLE, LIMIT, PLAUSIBLE_TIME
+    WALKING_SPEED, PLAUSIBLE, LIMIT, PLAUSIBLE_TIME, METABOLIC_POWER, METABOLIC_CHANGE
 
 cdef enum: # limits of people, in the order of `limits` in the class
     NONE, HIP_STOP, KNEE_STOP, ANKLE_STOP, TRUNK_TILT, FALL, SLIP, TRIP, TOPPLE
@@ -50,6 +53,7 @@ cdef struct Variation:          # standard deviations from stride to stride: `va
 
 cdef struct Leg:                # of a leg, what the update needs from the step
     double angle[3]             # of the reference
+    double nominal[3]           # torque of the muscles of the reference, N·m
     double stiffness[3]
     double damping[3]
     double reflex[3]            # torque of the delayed muscles
@@ -66,6 +70,7 @@ cdef struct Leg:                # of a leg, what the update needs from the step
     double velocity[3]
     double acceleration[3]
     double yielded[3]           # torque that the muscles leave to the robot, N·m
+    double reacted[3]           # of that, in reaction to a torque that they did not expect
     double balance[3]           # torque of the muscles for the balance of the trunk, N·m
     double ground[2]            # force of the ground beyond the reference, N
     double moment               # of the ground on the foot for the balance, N·m
@@ -105,6 +110,8 @@ cdef struct State:
     double limit                # that was exceeded first
     double plausible_time       # s until then
     double disturbed            # whether a torque has ever acted
+    double trained              # share of a helpful torque that the wearer expects
+    double effort, usual_effort # metabolic power of the muscles, with the robot and without, W
     Pelvis pelvis
     Draws draws[2]
     Leg legs[2]
@@ -126,6 +133,11 @@ cdef double CONTACT_LOAD = 0.03 # body weights, least load of a foot in contact
 cdef double SHUFFLE = 0.25      # m/s, speed below which both feet keep their load
 cdef double HALT = 0.15         # m/s, speed below which the stride slows down to a stand
 cdef double ADAPTATION_TIME = 0.05      # s
+cdef double RESTING_POWER = 1.4         # W/kg, metabolic
+cdef double WORK_COST = 1.42            # metabolic power per positive power of the muscles
+cdef double TRAINED_SPEED = 0.3         # m/s, below which a wearer expects a torque less
+cdef double KNEE_TRAINED = 0.5          # of what the wearer expects at hip and ankle
+cdef double RESISTANCE = 0.6    # of the adaptation, against an opposing torque
 cdef double RANGE_STIFFNESS = 800.0     # N·m/rad outside the range of a joint
 cdef double RANGE_DAMPING = 20.0        # N·m·s/rad
 cdef double RANGE_MARGIN = 0.0873       # rad beyond the range that ligaments bear
@@ -170,10 +182,14 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
         pelvis[8] += state.pelvis.acceleration[2]
     memmove(arena + out[PELVIS_MOTION], pelvis, sizeof(pelvis))
     arena[out[WALKING_SPEED]] = reference.walking_speed
+    state.trained = clip(reference.walking_speed / TRAINED_SPEED, 0.0, 1.0)
+    state.effort = state.usual_effort = 0.0
     for side in range(2):
         step_leg(arena, at, sizes, side, pelvis, reference.motion, &reference.legs[side], out + side * OF_LEG)
     arena[out[PLAUSIBLE]] = state.limit == NONE
     arena[out[LIMIT]] = state.limit
+    arena[out[METABOLIC_POWER]] = RESTING_POWER * (arena + at.body)[MASS] + state.effort
+    arena[out[METABOLIC_CHANGE]] = state.effort - state.usual_effort
     if state.limit == NONE:
         state.plausible_time = arena[TIME]
     arena[out[PLAUSIBLE_TIME]] = state.plausible_time
@@ -313,8 +329,8 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         rate[j] = reference.q[j].v + leg.velocity[j]
         acceleration[j] = reference.q[j].a + leg.acceleration[j]
         nominal = body[MASS] * reference.moments[j]
-        leg.angle[j] = reference.q[j].x
-        leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal)
+        leg.angle[j], leg.nominal[j] = reference.q[j].x, nominal
+        leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal - leg.yielded[j])
         leg.damping[j] = muscles[j].damping + muscles[j].per_stiffness * leg.stiffness[j]
         leg.reflex[j] = -muscles[j].reflex_stiffness * delayed[j] - muscles[j].reflex_damping * delayed[3 + j]
         torque = (nominal - leg.yielded[j] - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j]
@@ -324,6 +340,8 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         arena[out[5 * j + ACCELERATION]] = acceleration[j]
         arena[out[5 * j + TORQUE]] = torque
         arena[out[5 * j + POWER]] = torque * rate[j]
+        state.effort += effort(j, torque, torque * rate[j], body[MASS])
+        state.usual_effort += effort(j, nominal, nominal * reference.q[j].v, body[MASS])
     directions(&g, pelvis[6], angle)
     segments(arena, body, &g, pelvis, angle, rate, acceleration, out)
 
@@ -356,6 +374,12 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         centre = clip(centre, 0.0, body[FOOT_LENGTH])
     arena[out[CENTRE_OF_PRESSURE]] = centre
     arena[out[PHASE]] = reference.phase
+
+
+cdef inline double effort(int joint, double torque, double power, double mass) noexcept nogil:
+    """Return the metabolic power of the muscles of a joint in W, of their work and of their torque."""
+    cdef double share = 1.5 if joint == 0 else 3.0 if joint == 1 else 0.6       # W per kg and (N·m/kg)²
+    return share * torque * torque / mass + (WORK_COST * power if power > 0.0 else 0.0)
 
 
 cdef inline double deviation_of_foot(const double *q) noexcept nogil:
@@ -450,18 +474,20 @@ cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noe
     cdef double *oldest = arena + at.history + 12 * <int>state.head
     cdef double torque[6]
     cdef double share = dt / (dt + ADAPTATION_TIME)
-    cdef double *yielded
+    cdef double applied
+    cdef Leg *leg
     cdef bint moving = state.disturbed != 0.0    # the step has prepared it
     cdef int side, j, limit
     for side in range(2):
-        yielded = state.legs[side].yielded
+        leg = &state.legs[side]
         for j in range(3):
-            oldest[6 * side + j] = state.legs[side].deviation[j]
-            oldest[6 * side + 3 + j] = state.legs[side].velocity[j]
-            if not arena[assistance[3 * side + j]] == 0.0:
+            oldest[6 * side + j] = leg.deviation[j]
+            oldest[6 * side + 3 + j] = leg.velocity[j]
+            applied = arena[assistance[3 * side + j]]
+            if not applied == 0.0:
                 state.disturbed = 1.0
-            torque[3 * side + j] = arena[assistance[3 * side + j]] - yielded[j]
-            yielded[j] += share * (arena[at.adaptation] * arena[assistance[3 * side + j]] - yielded[j])
+            torque[3 * side + j] = applied - leg.yielded[j]
+            yield_to(applied, arena[at.adaptation], (KNEE_TRAINED if j == KNEE else 1.0) * state.trained, share, j, leg)
     if moving:
         limit = move(arena + at.body, <const Muscle *>(arena + at.muscles), dt, torque, state)
         if state.limit == NONE:
@@ -472,6 +498,25 @@ cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noe
     state.phase += dt * (state.phase_rate + 0.5 * dt * state.phase_acceleration)
     state.distance += dt * (state.speed + 0.5 * dt * state.speed_rate)
     return OK
+
+
+cdef inline void yield_to(double applied, double adaptation, double trained, double share, int j,
+        Leg *leg) noexcept nogil:
+    """Compute the torque that the muscles of a joint leave to the robot.
+
+    Trained wearers expect a torque in the direction of their own while they walk, and yield to it in phase, as far as
+    they have one. To any other torque they react with a delay, to an opposing one less.
+
+    trained : share of a helpful torque that is expected
+    """
+    cdef double own = leg.nominal[j]
+    cdef double helped = 0.0
+    cdef double reaction = RESISTANCE * adaptation * applied
+    if applied * own > 0.0:
+        helped = trained * adaptation * (applied if fabs(applied) < fabs(own) else own)
+        reaction = (1.0 - trained) * adaptation * applied
+    leg.reacted[j] += share * (reaction - leg.reacted[j])
+    leg.yielded[j] = helped + leg.reacted[j]
 
 
 cdef inline int move(const double *body, const Muscle *muscles, double dt, const double *torque,

@@ -165,22 +165,32 @@ def slip_table():
         print(f"| {speed} | {cells[0]:.0f} | {cells[1]:.0f} | {height:.0f} |")
 
 
-def unloading_table():
-    """Assist each joint by 20 % of its nominal torque, and compare its muscles with those of an adult without robot."""
-    print("| assistance of 20 % | torque of the muscles, `adaptation=0` | `adaptation=0.8` |")
-    print("|---|--:|--:|")
+def response_table():
+    """Assist both joints by 20 % of their nominal torque, or oppose them, and compare with an adult without robot."""
+    kinds = {"helpful, `adaptation=0`": (0.2, 0.0), "helpful": (0.2, 0.8), "opposing": (-0.2, 0.8)}
+    print("| 20 % of a joint's torque |", " | ".join(kinds), "|")
+    print("|---|--:|--:|--:|")
     for joint in JOINTS:
         cells = []
-        for adaptation in (0.0, 0.8):
+        for share, adaptation in kinds.values():
             with Diagram("assisted", rate=500) as diagram:
-                alone = getattr(Walker(variability=0.0, name="alone")(), f"left_{joint}_torque")
-                walker = Walker(variability=0.0, adaptation=adaptation, name="assisted")
-                walker(**{f"left_{joint}_assistance": Gain(0.2)(alone)})
+                alone = Walker(1.25, variability=0.0, name="alone")()
+                walker = Walker(1.25, variability=0.0, adaptation=adaptation, name="assisted")
+                for side in ("left", "right"):
+                    own = getattr(alone, f"{side}_{joint}_torque")
+                    walker(**{f"{side}_{joint}_assistance": Gain(share)(own)})
             recording = run(diagram, 3000)
-            before, after = (
-                recording[f"{name}.left_{joint}_torque"][recording.time > 1.0] for name in ("alone", "assisted")
+            late = recording.time > 3.0
+            before, after, angle, moved = (
+                recording[f"{name}.left_{joint}_{signal}"][late]
+                for signal in ("torque", "angle")
+                for name in ("alone", "assisted")
             )
-            cells.append(f"{(after - before) @ before / (before @ before):+.0%}")
+            apart = np.degrees(np.sqrt(np.mean((moved - angle) ** 2)))
+            change = (
+                recording["assisted.metabolic_change"][late].mean() / recording["alone.metabolic_power"][late].mean()
+            )
+            cells.append(f"{(after - before) @ before / (before @ before):+.0%}, {apart:.1f}°, {change:+.0%}")
         print(f"| {joint} |", " | ".join(cells), "|")
 
 
@@ -207,7 +217,7 @@ if __name__ == "__main__":
     print()
     slip_table()
     print()
-    unloading_table()
+    response_table()
     print()
     changing = "0:0.8 " + " ".join(f"{2 * k}:{0.8 + 0.6 * (k % 2)}" for k in range(1, 100))
     print(f"µs a substep: {cost(speed=1.2):.2f} at a constant speed, {cost(speed=changing):.2f} while it changes")
