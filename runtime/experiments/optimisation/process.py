@@ -148,7 +148,7 @@ class Companion:
         cost: Cost,
         path: str,
     ) -> None:
-        self.shared, self.control = shared, control
+        self.shared, self.control, self.plan = shared, control, plan
         self.channel, self.cost = socket.socket(fileno=channel), cost
         self.poll = select.poll()
         self.poll.register(control, select.POLLIN)
@@ -168,12 +168,12 @@ class Companion:
             self.save,
             plan["state"]["accepted"],
             [(name, Estimate(*numbers)) for name, numbers in plan["state"]["validated"]],
-            expectation(plan),
         )
 
     def run(self) -> None:
         """Carry out the optimisation until the end of the run."""
         self.save()
+        self.protocol.expectation = expectation(self.plan)  # takes seconds
         while not self.ending():
             self.receive()
             if self.ending():  # meanwhile: not a missing measurement
