@@ -10,6 +10,7 @@ import pytest
 from runtime.host.errors import BAD_INPUT, OK
 from runtime.robot.emulation.lines import GPIO, NETWORK, TERMINALS
 from runtime.robot.rig.streams import KINDS
+from tests.runtime.record.panel.panels import Watched
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.robot.rig.test_sensor_runs import RIG, ROBOT
 from tests.runtime.robot.rig.test_udp import free_port
@@ -235,3 +236,66 @@ def test_a_drive_behind_the_relay_of_a_charge_pump_answers_because_the_run_toggl
         "zero torque, then disable: confirmed by knee" in run.stdout and "nothing stops" not in run.stdout + run.stderr
     )
     assert "suspend of the computer (the charge pump 'pump')" in " ".join(run.stderr.split())
+
+
+HELD = """
+from blocks.actuators import CubeMars
+from blocks.gpio import GpioInput
+from blocks.sinks import Panel
+from graph import Block, Diagram, Output
+
+
+class Presses(Block):
+    \"\"\"Presses of a button: 1.3 s long, 0.3 s apart.\"\"\"
+
+    level = Output("1", dtype=bool)
+
+    def step(self, t):
+        return t % 1.6 > 0.3
+
+
+def build():
+    with Diagram("knee", rate=200) as diagram:
+        CubeMars("AK80-9", bus="legs", name="knee", range=(-1.0, 1.0), wake_shift=0.0, timeout=1.0)(torque_command=0.0)
+        GpioInput(name="button")
+        Panel(port={port}, lost="stop")
+    return diagram
+
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as plant:
+        robot["knee"].emulator()(position=0.0, velocity=0.0)
+        robot["button"].emulator()(level=Presses()())
+    return plant
+"""
+
+
+@pytest.mark.hazard("H9h")
+def test_a_held_button_does_not_arm_without_the_page_that_the_diagram_demands(tmp_path):
+    port = free_port()
+    robot = write(tmp_path, HELD.replace("{port}", str(port)))
+    channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
+    chip = f'chip = "unix:/tmp/held{os.getpid()}"\npin = "button"\n'
+    rig = write(
+        tmp_path,
+        f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n\n[device.button]\n{chip}',
+        "lab.toml",
+    )
+    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+    try:
+        read_until(plant.stdout, "Ctrl-C ends it")
+        words = ("--arm-on", "button.on", "--duration", "0.5", "--stop-for", "0.2", "--no-record")
+        with started(robot, "--rig", rig, *words, cwd=tmp_path) as run:
+            try:
+                read_until(run.stderr, "NOT armed: no page has the controls")  # with the table
+                read_until(run.stderr, "NOT armed: no page has the controls")  # after the button was held
+                page = Watched.open(f"http://127.0.0.1:{port}/")
+                assert page.hello["simulated"] is False and page.status["state"] == "ready"
+                page.operate()
+                out, err = run.communicate(timeout=30)
+            finally:
+                run.kill()
+    finally:
+        plant.kill()
+        plant.communicate()
+    assert run.returncode == OK and "0.5 s at 200 Hz" in out, out + err
