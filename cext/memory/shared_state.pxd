@@ -117,6 +117,7 @@ cdef struct SharedLayout:
     int64_t page_process        # ID of the process of the panel
     int64_t page_loss           # the newest loss: why | number of the page << 8 | number of the page that took them << 32
     int64_t lost_page           # the loss that the loop has found, in the same form
+    int64_t lost_replies[DEVICE_LIMIT]      # of each device of the schedule: commands without a reply before the next
 
 cdef struct Own:                # of one process, in front of its mapping of the layout
     uint64_t capacity           # of the ring

@@ -354,6 +354,10 @@ cdef class SharedState:
             "bus": summary(&layout.bus),
         }
 
+    def lost_replies(self, devices: list[int]) -> list[int]:
+        """Return for each of these devices of the schedule the commands without a reply before the next one."""
+        return [load_i64(&self.layout.lost_replies[<int>device % DEVICE_LIMIT]) for device in devices]
+
     def counts(self, str name) -> np.ndarray:
         """Return the bucket counts of a histogram, as an array like that of cext.clock.histogram.counts_of."""
         if name == "lateness":

@@ -16,6 +16,7 @@ from cext.abi cimport (
     ANSWERED, AUTHORITY, COMMANDED, DT, ERROR_FRAME, ESTOP, FOREIGN, FRAME_BYTES, FRAMES_PER_BATCH,
     FRAMES_PER_DEVICE, FRAMES_PER_TICK, IDLE, MALFORMED, OK, PERIOD, PRESSED, TAKEN, TICK, TWIN,
 )
+from cext.atomics cimport store_i64
 from cext.status cimport BUS_ERROR, DEVICE_FAULT, FOREIGN_COMMAND, HUNG, SILENT, TWO_DEVICES
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -419,6 +420,8 @@ cdef class Devices:
             if device.zero.count:
                 if device.owed and device.drive.state == ACTIVE and self.table.arena[TICK] >= self.counted_from:
                     device.missed += 1
+                    if self.buses.layout != NULL:
+                        store_i64(&self.buses.layout.lost_replies[number], device.missed)
                 device.owed = True
             if device.drive.state == ACTIVE:
                 note_asked(&device.transit, device.sends, at, sent, <int64_t>self.table.arena[TICK])

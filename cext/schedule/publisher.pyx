@@ -104,6 +104,7 @@ cdef class Publisher:
             # of the previous run; a fence of another process stays, and what came before the first run
             self.lower_fence()
             layout.operator.stop = 0
+        memset(layout.lost_replies, 0, sizeof(layout.lost_replies))
         memset(&layout.lateness, 0, sizeof(Histogram))
         memset(&layout.period, 0, sizeof(Histogram))
         memset(&layout.execution, 0, sizeof(Histogram))

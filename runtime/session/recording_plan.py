@@ -104,6 +104,11 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
             for block in prepared.diagram
             if isinstance(block, Actuator) and isinstance(block, Drive)
         },
+        "drives": {
+            device.name: number
+            for number, device in enumerate(schedule.devices)
+            if isinstance(prepared.diagram[device.name], Actuator)
+        },
         "buses": schedule.buses,
         "media": schedule.media,
         "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},

@@ -133,6 +133,7 @@ class View:
             ],
             "late": [finite(late.get("p50")), finite(late.get("p99"))],
             "missed": statistics["missed"],
+            "lost_replies": dict(zip(self.plan["drives"], shared.lost_replies(list(self.plan["drives"].values())))),
             "dropped": statistics["dropped"],
             "malformed": frames["malformed"],
             "live": [list(pair) for pair in table.values(shared, self.table.parameters)],

@@ -59,6 +59,7 @@ class _Plan(TypedDict):
 class Plan(_Plan, total=False):
     """Plan of a recording."""
 
+    drives: dict[str, int]  # {path of an actuator: its number among the devices of the schedule}
     hot: dict[str, float]  # {path of a temperature: °C at which the run ends}
     secret: str  # from which the tokens of a panel are made
     phases: dict[str, str]  # {gait phase: what is true while it is known}, for a panel

@@ -372,6 +372,12 @@ function oldestReply(text) {
   return [[`oldest reply in ${REPLY_SPAN} s`, `${text(age)}, ${block}`]];
 }
 
+// The commands of each drive that had no reply before the next one.
+function lostReplies() {
+  const block = (path) => hello.signals.find((signal) => signal.path === `${path}.torque`)?.block || path;
+  return Object.entries(status.lost_replies).map(([path, count]) => [`lost replies, ${block(path)}`, String(count), count > 0]);
+}
+
 function showHealth() {
   const frames = (count) => (count === null ? "–" : String(Math.round(count)));
   const micro = (seconds) => seconds === null ? "–" : seconds < 1e-3 ? `${Math.round(1e6 * seconds)} µs` : `${number(1e3 * seconds)} ms`;
@@ -382,6 +388,7 @@ function showHealth() {
     ...status.buses.map(({ name, received, sent, bits, bitrate }) => [`bus ${name}`, `${frames(sent)} sent, ${frames(received)} received` +
       `${bitrate ? `, ${Math.round((100 * bits) / bitrate)} %` : " a second"}`, bits > BUSY * bitrate]),
     ...oldestReply(micro),
+    ...lostReplies(),
     ["missed ticks", String(status.missed), status.missed > 0],
     ["lost records", String(status.dropped), status.dropped > 0],
   ];

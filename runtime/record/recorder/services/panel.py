@@ -93,6 +93,7 @@ class PanelService(Service):
             **{key: self.plan.get(key) for key in PLANNED},
             "limits": self.plan.get("limits", {}),
             "hot": self.plan.get("hot", {}),
+            "drives": self.plan.get("drives", {}),
             **{key: parameters[key] for key in CHOSEN},
             "port_before": self.kept.get("port", 0),
             "secret": self.plan.get("secret") or os.urandom(16).hex(),

@@ -53,6 +53,7 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
     health = "document.getElementById('health').innerText"
     tab.wait_for(f"/legs\\n[1-9]\\d* sent, [1-9]\\d* received, [1-9]\\d* %/i.test({health})")
     tab.wait_for(f"/oldest reply in 10 s\\n\\S+ [mµ]s, knee/i.test({health})")
+    tab.wait_for(f"/lost replies, knee, left\\n\\d+\\n/i.test({health})")
     tab.evaluate("document.getElementById('tab-plots').click()")
     tab.wait_for("document.querySelectorAll('#charts canvas').length === 2")
     assert tab.evaluate("['events', 'timing'].every((id) => document.getElementById(id).checkVisibility())")
