@@ -80,8 +80,8 @@ def compile_derivative(block: Any) -> None:
     check_scalars(block)
     items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed), RATES]
     slots = {name: index for index, name in enumerate(items)}
-    kind: Any = type(block)
-    block.derivative_kernel = kernel_of(block, kind.derivative, slots, list(block.outputs))
+    derivative: Callable[..., Any] = block.derivative.__func__
+    block.derivative_kernel = kernel_of(block, derivative, slots, list(block.outputs))
 
 
 def check_scalars(block: Block) -> None:
