@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 # module: the extra that installs it
 EXTRAS = {
     "cma": "optimise",
+    "control": "control",
     "distributed": "cluster",
     "optuna": "optimise",
     "pandas": "tables",
