@@ -25,6 +25,7 @@ from runtime.record.report.preflight.table import stop_of, stopping_panel
 from runtime.robot.loading.file import call_code_of_blocks, load
 from runtime.robot.loading.recorded_signals import select_recorded
 from runtime.robot.loading.simulation import Simulation
+from runtime.robot.loading.subject import read as read_subject
 from runtime.robot.rig.battery import require_supply
 from runtime.robot.rig.file import read
 from runtime.robot.rig.joints import require_ranges
@@ -101,6 +102,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            alone), agrees (steps of `commission`), open (steps
                            that measured nothing), findings, mismatches (reasons
                            why the record does not apply)
+  subject                  lines on the limits of the subject file, [] without one
   plant                    given (true: defined in the file), blocks, rate;
                            null without devices
   errors, warnings         code, title, path, port, at (file:line), message,
@@ -108,7 +110,11 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
 
 
 def check(
-    path: Path | Any, settings: Settings = (), rate: float | None = None, rig: str | Path | None = None
+    path: Path | Any,
+    settings: Settings = (),
+    rate: float | None = None,
+    rig: str | Path | None = None,
+    subject: str | Path | None = None,
 ) -> dict[str, Any]:
     """Check a diagram file. Returns a report as plain data with the keys above.
 
@@ -116,12 +122,14 @@ def check(
     settings : pairs (name, text) from --set
     rate : Hz, replaces the diagram's rate
     rig : path of a rig file, whose devices and bitrates are checked
+    subject : path of a subject file, whose limits the diagram gets
 
     Raises BadInput if a file cannot be read.
     """
     rig_file = None if rig is None else read(rig)
+    person = None if subject is None else read_subject(subject)
     try:
-        file, diagram = load(path, settings, rig_file)
+        file, diagram = load(path, settings, rig_file, subject=person)
         path = file.path
     except BadInput as error:
         if not error.diagnostics:
@@ -172,6 +180,7 @@ def check(
         "page": None if panel is None else {"panel": panel.path, "silence": PAGE_SILENCE * 1e-9},
         "battery": budget,
         "records": None if rig_file is None else describe_records(rig_file.path, diagram),
+        "subject": [] if person is None else person.lines(diagram),
         "plant": plant,
         "errors": [_describe(d) for d in errors],
         "warnings": [_describe(d) for d in analysis.diagnostics if d.severity == "warning"] + overloads,
@@ -180,7 +189,7 @@ def check(
 
 def report_of_refusal(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
     """Return the report of a file whose diagram could not be built, with the same keys as that of `check`."""
-    empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "caveats", "buses", "warnings")}
+    empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "caveats", "buses", "subject", "warnings")}
     return empty | {
         "diagram": path.stem,
         "file": str(path),

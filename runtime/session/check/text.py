@@ -51,6 +51,8 @@ def text(report: Mapping[str, Any], console: Console) -> list[str]:
             lines += section(report, console)
         lines += battery_lines(report["battery"], console)
         lines += _records(report, console)
+        lines += _section("limits of the subject", console) * bool(report["subject"])
+        lines += [each for line in report["subject"] for each in console.hang("  ", line)]
     for problem in report["errors"]:
         lines += diagnostic_lines(problem, console, console.error, "error")
     for problem in report["warnings"]:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -35,6 +36,17 @@ def robot(torque=9.0, model="AK80-9", **options):
         limiter = TorqueLimiter(limit=Live(9.0, max=9.0), slew=math.inf, name="limiter")
         knee(torque_command=limiter(Constant(torque, unit="N·m", name="wish")()))
     return diagram
+
+
+def test_check_lists_the_limits_of_a_subject_and_reports_what_they_contradict(tmp_path, command_line):
+    caps = subject(tmp_path, '[joint."left/knee"]\ntorque = 3\n')
+    code, out, _ = command_line("check", KNEE_EXO, "--subject", caps)
+    assert code == 0 and re.search(r"limits of the subject\n(?s:.*)left/knee: 3 N·m", out)
+    assert not json.loads(command_line("check", KNEE_EXO, "--json")[1])["subject"]
+    code, _, err = command_line(
+        "check", KNEE_EXO, "--subject", subject(tmp_path, '[joint."kne"]\ntorque = 3', "2.toml")
+    )
+    assert code == 2 and "has no such actuator" in err
 
 
 @pytest.mark.parametrize(
