@@ -10,12 +10,12 @@ and flexes it before swing. The computer is a Raspberry Pi 4B, with the converte
 
 from blocks.actuators import RobStride
 from blocks.controllers import TorqueProfile
-from blocks.gait import ContactEvents, GaitState
+from blocks.gait import ContactEvents, GaitState, SensorPlacement
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import assist, gait, imu
+from parts import assist, flexion, gait, imu
 from wearer import wearer as plant  # noqa: F401
 
 # Torque profile (gait phase, N·m).
@@ -28,6 +28,9 @@ def build(side="left", assistance=1.0):
         with subsystem(side):
             knee = RobStride("CyberGear", bus="knee", invert=side == "right", name="knee")
             thigh, shank = imu("thigh", "133941"), imu("shank", "133942")
+            bend = flexion("knee", thigh, shank).velocity
+            placement = SensorPlacement("IMUs of thigh and shank", "knee drive", one_leg=True, name="placement")
+            placement(left_reference=knee.velocity, left=bend)
             load = FSR(name="heel")(ADS1115(channels=("a0",), timeout=0.1, rate=475, name="converter").a0)
             strike = ContactEvents(smallest=10.0, name="heel_events")(load.force).strike
             leg = gait(*thigh, strike)

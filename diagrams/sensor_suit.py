@@ -11,23 +11,31 @@ it records, and streams to PlotJuggler or Rerun.
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, walk
+from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, placed, walk
 from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0):
     """Return the robot. mass : mass of the wearer, kg"""
     with Diagram("sensor_suit", rate=200) as diagram:
-        walk({side: leg(side, serial, mass) for side, serial in zip(SIDES, (133951, 133954))})
+        legs = {side: leg(side, serial, mass) for side, serial in zip(SIDES, (133951, 133954))}
+        walking = walk({side: own for side, (own, _) in legs.items()})
+        thighs, shanks, feet, loads = (
+            {side: signals[place] for side, (_, signals) in legs.items()} for place in range(4)
+        )
+        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
+        placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
+        placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def leg(side, serial, mass):
-    """Return the Gait of one leg, and measure its joints. serial : number of the sensor on the thigh"""
+    """Return the Gait of one leg and (rates of its segments, load on its foot). serial : sensor on the thigh"""
     with subsystem(side):
         thigh, shank, foot = (imu(segment, str(number)) for number, segment in enumerate(SEGMENTS, serial))
         leg_torque("knee", flexion("knee", thigh, shank), thigh, mass)
         flexion("ankle", foot, shank)
-        return gait(*thigh, insole(side).strike, shank)
+        sole = insole(side)
+        return gait(*thigh, sole.strike, shank), (thigh.velocity, shank.velocity, foot.velocity, sole.load)

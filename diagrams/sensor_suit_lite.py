@@ -10,7 +10,7 @@ The suit has no actuator: it records, and streams to PlotJuggler or Rerun. Its c
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, flexion, gait, imu, insole, walk
+from parts import SIDES, flexion, gait, imu, insole, placed, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -18,16 +18,21 @@ def build():
     """Return the robot."""
     with Diagram("sensor_suit_lite", rate=200) as diagram:
         pelvis = imu("pelvis", "134000")
-        walk({side: leg(side, pelvis, serial) for side, serial in zip(SIDES, (134001, 134003))})
+        legs = {side: leg(side, pelvis, serial) for side, serial in zip(SIDES, (134001, 134003))}
+        walking = walk({side: own for side, (own, _) in legs.items()})
+        thighs, shanks, loads = ({side: signals[place] for side, (_, signals) in legs.items()} for place in range(3))
+        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
+        placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def leg(side, pelvis, serial):
-    """Return the Gait of one leg, and measure its joints. serial : number of the sensor on the thigh"""
+    """Return the Gait of one leg and (rates of its segments, load on its foot). serial : sensor on the thigh"""
     with subsystem(side):
         thigh, shank = imu("thigh", str(serial)), imu("shank", str(serial + 1))
         flexion("hip", thigh, pelvis)
         flexion("knee", thigh, shank)
-        return gait(*thigh, insole(side).strike)
+        sole = insole(side)
+        return gait(*thigh, sole.strike), (thigh.velocity, shank.velocity, sole.load)

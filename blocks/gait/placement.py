@@ -19,7 +19,8 @@ class SensorPlacement(Block):
 
     A thigh moves with its hip drive in any motion. In walking only, a foot moves with its shank, and a shank is
     `opposite` to its knee drive, as thigh and shank are to the load on the foot: connect `enable` to the `walking` of a
-    GaitState. Without a right leg, leave its inputs unconnected.
+    GaitState. With `one_leg`, leave the inputs of the right leg unconnected, and compare the difference of the rates of
+    thigh and shank with the knee drive: it is reversed if these sensors are exchanged, or the shank is upside down.
 
     Limits: which of sensors and references are exchanged does not show; two sensors that are both upside down count as
     exchanged. Direct feedthrough; NaN and infinity give NaN and are not stored.
@@ -30,6 +31,8 @@ class SensorPlacement(Block):
     opposite = Param(
         False, "1", "true if sensor and reference move in opposite directions", dtype=bool, fixed=True, kernel=False
     )
+
+    one_leg = Param(False, "1", "true to compare the sensors of one leg", dtype=bool, fixed=True, kernel=False)
 
     left_reference = Input("any", "signal of the left leg that is known to be of the left leg")
     right_reference = Input("any", "the same of the right leg", default=0.0)
@@ -49,6 +52,11 @@ class SensorPlacement(Block):
     def fault_text(self, status: int) -> str:
         """Return which sensors are misplaced, and what to do."""
         side = ("left", "right")[status % 2 == 0]
+        if self.one_leg:
+            return (
+                f"the {self.sensors} do not move as the {self.reference}: they are exchanged, or one is upside down. "
+                "Exchange them, turn it the right way up, or set invert of the drive"
+            )
         if status == 64:
             return (
                 f"the {self.sensors} of left and right are exchanged, or the {self.reference}: they follow the "

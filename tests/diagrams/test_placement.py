@@ -19,6 +19,8 @@ PLACED = {
     "knee_exo_gatech": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "insole": "insoles"},
     "m_blue": {"thigh_imu": THIGHS, "insole": "insoles"},
     "ankle_exo": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
+    "sensor_suit": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "foot_imu": FEET, "insole": "insoles"},
+    "sensor_suit_lite": {"thigh_imu": THIGHS, "shank_imu": SHANKS, "insole": "insoles"},
 }
 # Each kind of sensor, and each kind of reference; the rest is soak.
 QUICK = {
@@ -49,3 +51,16 @@ def test_exchanged_sensors_end_the_run_before_the_torque_is_full(robot, device, 
     assert f"the {name} of left and right are exchanged" in text or f"or the {name}:" in text
     walking = trial.time[trial["state.walking"] > 0.0]
     assert not len(walking) or trial.time[-1] - walking[0] < 0.3  # s, of the 0.5 s in which torque fades in
+
+
+@pytest.mark.hazard("H12f")
+def test_exchanged_sensors_of_thigh_and_shank_of_one_leg_end_the_run_before_any_torque():
+    file, diagram = load(path("knee_exo_cybergear"))
+    plant = build_plant(file, diagram)
+    thigh, shank = plant["left/thigh_imu"], plant["left/shank_imu"]
+    other = {thigh: shank, shank: thigh}
+    plant.wires[:] = [replace(wire, block=other.get(wire.block, wire.block)) for wire in plant.wires]
+    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
+    assert trial.outcome.status == "kernel status 64", trial.outcome
+    assert "the IMUs of thigh and shank do not move as the knee drive" in diagram[trial.outcome.culprit].fault_text(64)
+    assert abs(trial["left/knee.torque_sent"]).max() < 0.001  # N·m, half a step of the command
