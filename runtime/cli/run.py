@@ -33,7 +33,6 @@ def main(arguments: Sequence[str]) -> int:
         print_lines(profile_lines(result))
     if not result.outcome.faulted and result.request.report is None:
         print_lines(summary.hints(result, program()))
-    sys.stdout.flush()
     await_files(result.recording)
     return summary.exit_code(result.outcome, summary.unsaved_in_words(result))
 

@@ -6,6 +6,7 @@ import re
 import socket
 import subprocess
 import sys
+import textwrap
 from types import SimpleNamespace
 
 import pytest
@@ -30,6 +31,7 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "docs.test_special_samples.test_the_device_family_of_the_page_is_accepted",
         "docs.test_special_samples.test_the_dialogue_of_the_page_asks_for_a_confirmation",
     ),
+    "docs/how_to/analysis.md": ("docs.test_special_samples.test_the_loop_of_the_page_has_its_margins",),
     "docs/how_to/native_blocks.md": (
         "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",
         "runtime.test_documents.test_the_kernel_in_c_of_the_page_compiles_and_runs",
@@ -196,6 +198,17 @@ def test_the_protocol_in_virtual_time_prints_what_the_page_shows(study):
     process.communicate()
     shown = output_after("measurements of")
     assert all(agree(line, text) for line, text in zip(shown, printed, strict=True)), printed
+
+
+def test_the_loop_of_the_page_has_its_margins(tmp_path, monkeypatch):
+    pytest.importorskip("control")
+    page, names = (DOCS / "how_to" / "analysis.md").read_text(), {}
+    (tmp_path / "swing.py").write_text(re.search("```python\n(.*?)```", page, re.DOTALL)[1])
+    words = re.search("python -m runtime (analyse swing.py .*)", page)[1].split()
+    assert textwrap.indent(finished(*words, cwd=tmp_path).stdout, "    ") in page
+    monkeypatch.chdir(tmp_path)
+    exec(samples("docs/how_to/analysis.md")[0], names)
+    assert names["system"].isdtime(strict=True) and max(abs(names["system"].poles())) < 1.0
 
 
 def test_the_rates_of_the_page_are_those_of_the_command(tmp_path):

@@ -282,7 +282,7 @@ def test_a_plant_that_does_not_compile(command_line):
 def test_check_reports_the_proofs(command_line):
     code, out, err = command_line("check", KNEE_EXO)
     assert (code, err) == (OK, "")
-    assert re.match(r"knee_exo  .*knee_exo.py: 200 Hz, 19 blocks, 40 wires, its own plant at 1000 Hz\n", out)
+    assert re.match(r"knee_exo  .*knee_exo.py: 200 Hz, 19 blocks, 42 wires, its own plant at 1000 Hz\n", out)
     assert out.count("[-12, 12] inside [-18, 18] N·m") == 2
     for side in ("left", "right"):
         assert f"bounded by {side}/torque_limiter, " in out

@@ -36,6 +36,7 @@ COMMANDS = {
     "plotjuggler": ("layout.xml", [KNEE_EXO]),
 }
 ELSEWHERE = {  # {command with -o: test of its output}
+    "analyse": "test_linearise.py, with the same writer as plot",
     "convert": "test_convert.py::test_a_failed_conversion_leaves_no_file",
     "study": "replaces only a table of the same study",
 }
