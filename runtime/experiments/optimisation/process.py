@@ -10,6 +10,7 @@ import json
 import os
 import select
 import socket
+import subprocess
 import time
 from contextlib import suppress
 from typing import Any
@@ -74,11 +75,8 @@ class OptimiserProcess(ChildProcess):
             return
         with suppress(OSError):
             self._orders.close()
-        poll = select.poll()
-        descriptor = os.pidfd_open(self.pid)
-        poll.register(descriptor, select.POLLIN)
-        poll.poll(timeout * 1e3)
-        os.close(descriptor)
+        with suppress(subprocess.TimeoutExpired):
+            self.wait(timeout)
         self._child.kill()
         self._child.wait()
         os.close(self._answers)

@@ -82,7 +82,7 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     assert out == (
         f"running {KNEE_EXO}: its content is the recorded one\n"
         f"knee_exo: 1000 ticks of {file.name} replayed with the recorded diagram\n"
-        "  all 47 signals and 2004 sent frames are the same, bit for bit\n"
+        "  all 49 signals and 2004 sent frames are the same, bit for bit\n"
     )
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
 

@@ -22,7 +22,7 @@ def names(message, path=""):
 
 def test_every_curve_of_the_layout_is_sent_by_a_run(command_line):
     code, out, err = command_line("plotjuggler", KNEE_EXO)
-    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 47 signals; in PlotJuggler: File, Load Layout")
+    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 49 signals; in PlotJuggler: File, Load Layout")
     root = ElementTree.parse(command_line.folder / "knee_exo.xml").getroot()
     curves = [curve.get("name") for curve in root.iter("curve")]
     with Listener() as listener:
@@ -127,7 +127,7 @@ def test_dummy_sends_test_waves(command_line):
     ]
     with Listener() as listener:
         command_line("plotjuggler", KNEE_EXO, "--dummy", listener.address, "--duration", "0.05")
-        assert len(names(listener.rest()[0])) == 48
+        assert len(names(listener.rest()[0])) == 50
 
 
 def test_missing_listener_is_reported_at_once(command_line):

@@ -294,7 +294,7 @@ def test_viewer_opens_mcap_recording(tmp_path):
 def test_in_virtual_time_the_run_waits_for_slow_viewers(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
     assert process.returncode == OK, process.stderr
-    assert "walk.rrd  (12000 ticks of 47 signals, for Rerun)" in process.stdout
+    assert "walk.rrd  (12000 ticks of 49 signals, for Rerun)" in process.stdout
     ticks, _ = vectors(tmp_path / "walk.rrd")["/left"]
     assert ticks == list(range(12000))
     again = finished(KNEE_EXO, "--fast", "--duration", "1", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
