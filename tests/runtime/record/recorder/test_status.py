@@ -387,6 +387,7 @@ def test_blocked_terminal_does_not_block_run():
     shown.say("nor is there anything to write to")
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize("on_terminal", [True, False])
 def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen, tmp_path, on_terminal):
     slave, seen = screen
@@ -459,6 +460,7 @@ def test_a_bus_that_is_nearly_full_is_red_and_in_virtual_time_its_time_counts():
     assert "\x1b[31m" not in line(coloured=True, virtual=True, speeds=(*speeds[:4], 7.9e6), bitrates={"legs": 1e6})
 
 
+@pytest.mark.paced
 def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
     """2 drives at 200 Hz, a command of 8 bytes and an answer each: 800 frames a second of 111 bits, and up to 24
     stuffed ones.
