@@ -3,6 +3,7 @@ stop goes out.
 """
 
 import errno
+import itertools
 import json
 import math
 import mmap
@@ -10,6 +11,7 @@ import os
 import signal
 import struct
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,7 +21,7 @@ from cext.memory.shared_state import SharedState
 from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import HANG_REPORT_DELAY
 from graph import Block, Diagram, Input, Output, compile
-from runtime.robot.guardian import plan
+from runtime.robot.guardian import interfaces, plan
 from runtime.robot.guardian.process import Guardian
 from tests.cext.rigs import one_drive
 
@@ -83,7 +85,10 @@ class Carrying:
 
 
 @pytest.fixture
-def robot():
+def robot(monkeypatch):
+    """Frames are received 1 µs after one another, however busy the machine is."""
+    clock = itertools.count(time.monotonic_ns(), 1000)
+    monkeypatch.setattr(interfaces, "time", SimpleNamespace(monotonic_ns=lambda: next(clock)))
     return Carrying()
 
 
