@@ -1,5 +1,6 @@
 """docs/reference/i2c.md: its diagram runs, its rig fits, its scan matches the command, and its options exist."""
 
+import os
 import re
 
 import pytest
@@ -7,10 +8,12 @@ import pytest
 from cext.lines.i2c_memory import MemoryI2c
 from graph import compile
 from runtime.host.errors import OK
+from runtime.robot.guardian.lock import BusLock
 from runtime.robot.loading.file import load
 from runtime.robot.rig.chips import Chips
 from runtime.robot.rig.errors import CODES
 from runtime.robot.rig.file import read
+from runtime.setup.commissioning import chips
 from tests.runtime.robot.rig.wires import Wires, add_mpu
 from tests.runtime.runs import ROOT, write
 from tests.runtime.test_documents import python_of, shown_after
@@ -43,6 +46,8 @@ def test_the_page_shows_the_output_of_scan(command_line, monkeypatch):
     wires.add(0x48, wide=True)
     wires.write(wires.add(0x69, 1 + 1), 0x75, b"\x71")
     monkeypatch.setattr("runtime.setup.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
+    # another session of the tests on this computer may look at the same bus
+    monkeypatch.setattr(chips, "BusLock", lambda interface, channel: BusLock(interface, f"{channel} {os.getpid()}"))
     command = re.search(r"`python -m runtime (scan --interface i2c .*?)`", PAGE)[1].split()
     code, out, err = command_line(*command)
     assert (code, err) == (OK, "") and out.splitlines() == shown_after(PAGE, "lists the chips on the bus")
