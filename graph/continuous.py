@@ -8,7 +8,7 @@ between them. Blocks with state of their own, blocks in Python, and sources keep
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -21,6 +21,7 @@ from graph.declarations import Memory
 from graph.device import Device
 from graph.signal import Signal
 from graph.solvers import DEFAULT, SOLVERS
+from graph.upstream import upstream
 
 if TYPE_CHECKING:
     from graph.compilation import Compilation
@@ -166,23 +167,15 @@ def between(compilation: Compilation, blocks: Sequence[Continuous]) -> set[Block
     """Return the continuous blocks, and the native blocks without state on the paths between them."""
     behind: set[Block] = set(blocks)
     for block in compilation.order:
-        if is_stateless(block) and any(source in behind for source in sources_of(compilation, block)):
+        sources = (compilation.sources[block, name] for name in block.inputs)
+        if is_stateless(block) and any(isinstance(each, Signal) and each.block in behind for each in sources):
             behind.add(block)
-    found, waiting = set[Block](blocks), list[Block](blocks)
-    while waiting:
-        for source in sources_of(compilation, waiting.pop()):
-            if source in behind and source not in found:
-                found.add(source)
-                waiting.append(source)
-    return found
-
-
-def sources_of(compilation: Compilation, block: Block) -> Iterator[Block]:
-    """Yield the blocks whose outputs are connected to the inputs of a block."""
-    for name in block.inputs:
-        source = compilation.sources[block, name]
-        if isinstance(source, Signal):
-            yield source.block
+    inner = {
+        place: source
+        for place, source in compilation.sources.items()
+        if isinstance(source, Signal) and source.block in behind
+    }
+    return upstream(blocks, inner) & behind
 
 
 def is_stateless(block: Block) -> bool:

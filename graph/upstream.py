@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 from graph.signal import Signal
@@ -10,7 +11,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from graph.block import Block
-    from graph.schedule import Step
 
 Sources: TypeAlias = "dict[tuple[Block, str], np.ndarray | Signal]"
 """{(block, input name): Signal or constant array}"""
@@ -21,7 +21,7 @@ def computes(block: Block) -> bool:
     return block.is_python or block.kernel is not None
 
 
-def upstream(blocks: dict[Block, Step], sources: Sources) -> set[Block]:
+def upstream(blocks: Iterable[Block], sources: Mapping[tuple[Block, str], np.ndarray | Signal]) -> set[Block]:
     """Return the blocks and all upstream of them, with or without direct feedthrough, as a set."""
     reached, waiting = set(blocks), list(blocks)
     while waiting:
