@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from runtime.cli.parsing import Parser, add_number, add_options
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
+from runtime.host.options import finite
 from runtime.host.suggestions import suggestion
 from runtime.session.request import Request
 
@@ -20,18 +21,21 @@ if TYPE_CHECKING:
     from runtime.robot.rig.file import RigFile
     from runtime.robot.rig.records import Record
     from runtime.setup.commissioning.guided.bench import Bench
+    from runtime.setup.commissioning.guided.home import Home
 
 EPILOG = """\
 examples:
   commission lab.toml knee.py
   commission lab.toml knee.py --device left/knee --again turn
   commission lab.toml knee.py --only identity bus state
+  commission lab.toml knee.py --device left/knee --only home --toward lower --torque 0.4 --travel 60
 
 Take the drives off the person and hold the switch of their power. Each step prints what it does, what could move, and
 what it found. Steps without torque come first; a drive gets torque, at most 5 % of rated, only if they found nothing.
 Records are written beside the rig, in RIG.records/. A step with a fresh record is not repeated.
 """
 ANGLE = 90.0  # degrees
+SPEED = 60.0  # degrees/s
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -50,7 +54,25 @@ def main(arguments: Sequence[str]) -> int:
         "--again", nargs="*", choices=names, metavar="STEP", help="repeat steps with a fresh record; alone: all of them"
     )
     add_number(parser, "--angle", "degrees", "DEG", "angle between the two marks", default=ANGLE, maximum=360.0)
+    parser.add_argument(
+        "--pose",
+        type=finite("--pose", "degrees"),
+        default=0.0,
+        metavar="DEG",
+        help="angle at which the step `pose` holds the joint",
+    )
     parser.add_argument("--name", metavar="NAME", help="your name, for the records (default: asked)")
+    homing = parser.section("homing against a stop, with --only home")
+    homing.add_argument("--toward", choices=("lower", "upper"), help="end of the range to which the joint is driven")
+    add_number(homing, "--torque", "N·m", "T", "largest torque, at most 5 %% of rated; required")
+    add_number(homing, "--speed", "degrees/s", "V", "speed beyond which the run ends", default=SPEED, maximum=180.0)
+    add_number(homing, "--travel", "degrees", "DEG", "largest motion", default=ANGLE, maximum=720.0)
+    homing.add_argument(
+        "--at",
+        type=finite("--at", "degrees"),
+        metavar="DEG",
+        help="angle of the joint at this stop (default: the end of its range)",
+    )
     return commission(parser.parse_args(arguments))
 
 
@@ -68,13 +90,14 @@ def commission(options: Namespace) -> int:
     compile_diagram(file.path, diagram)
     with Bench(file.path, rig, diagram) as bench:
         devices = selected(bench, options.device)
+        home = home_of(options, devices)
         name = options.name or ask("Your name, for the records")
         if not name:
             raise BadInput("a record is signed: enter a name, or pass --name")
         differs, cures = False, {}
         for number, block in enumerate(devices, 1):
             print_lines(["", f"{block.path}: {place_of(block)} ({number} of {len(devices)})"])
-            record, cures[block.path] = commission_device(bench, block, options, name)
+            record, cures[block.path] = commission_device(bench, block, options, name, home)
             differs = differs or bool(record.findings)
     offer(rig, cures)
     return CHECK_FAILED if differs else OK
@@ -98,18 +121,37 @@ def place_of(block: Any) -> str:
     return f"{type(block).__name__} {where}".rstrip()
 
 
-def commission_device(bench: Bench, block: Any, options: Namespace, name: str) -> tuple[Record, dict[str, Any]]:
+def home_of(options: Namespace, devices: Sequence[Any]) -> Home | None:
+    """Return the Home of the options, None without that step. Raises BadInput for one without limits."""
+    from runtime.setup.commissioning.guided.home import Home, check_limits
+
+    if "home" not in (options.only or ()):
+        return None
+    if len(devices) != 1:
+        raise BadInput("--only home: one joint at a time, select it with --device")
+    if options.toward is None or options.torque is None:
+        raise BadInput("--only home: pass --toward lower or upper, and --torque, the largest torque in N·m")
+    direction = -1.0 if options.toward == "lower" else 1.0
+    at = None if options.at is None else math.radians(options.at)
+    home = Home(direction, options.torque, math.radians(options.speed), math.radians(options.travel), at)
+    check_limits(devices[0], home)
+    return home
+
+
+def commission_device(
+    bench: Bench, block: Any, options: Namespace, name: str, home: Home | None = None
+) -> tuple[Record, dict[str, Any]]:
     """Carry out the steps of one device and write its record after each. Returns (Record, cures for the rig)."""
     from runtime.robot.rig.records import StepRecord, write
-    from runtime.setup.commissioning.guided import driven
     from runtime.setup.commissioning.guided.bench import Given
     from runtime.setup.commissioning.guided.steps import steps_of
 
     record, cures = record_for(bench, block), {}
-    given, asked = Given(math.radians(options.angle)), False
-    steps = [step for step in steps_of(block) if not options.only or step.name in options.only]
+    given = Given(math.radians(options.angle), math.radians(options.pose), home, record.steps)
+    steps = [step for step in steps_of(block) if (step.name in options.only if options.only else not step.on_request)]
     for number, step in enumerate(steps, 1):
-        repeat = options.again is not None and (not options.again or step.name in options.again)
+        again = options.again is not None and (not options.again or step.name in options.again)
+        repeat = again or step.on_request
         if step.name in record.steps and not repeat:
             print_lines([f"{number}/{len(steps)} {step.name}: recorded {record.steps[step.name].when}"])
             continue
@@ -118,8 +160,6 @@ def commission_device(bench: Bench, block: Any, options: Namespace, name: str) -
         if step.driven and (why := off_because(record)):
             print_lines([f"  not carried out: the motor stays off, because {why}"])
             continue
-        if step.driven and not asked:
-            given.lever, asked = driven.lever_of(block), True
         result = step.carry_out(bench, block, given)
         print_lines([f"  {line}" for line in result.says])
         print_lines([f"  ! {fault}: {text}" for fault, text in result.findings])

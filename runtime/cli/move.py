@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from runtime.cli.parsing import Parser, add_bus, add_options, fields_of, instanc
 from runtime.cli.run import carry_out
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
-from runtime.host.options import TIME_LIMIT, number, option
+from runtime.host.options import TIME_LIMIT, finite, number, option
 from runtime.record.report import summary
 from runtime.robot.rig.errors import RigError
 from runtime.session.request import Request
@@ -43,24 +43,6 @@ examples:
 This is a full run on a rig: with a guardian, a pre-flight table to confirm with Enter, torque that fades in, a
 recording, and a safe stop at the end. Hold an emergency stop that cuts the power, and do not wear the robot.
 """
-
-
-def finite(option: str, unit: str) -> Callable[[str], float]:
-    """Return a converter of texts to finite numbers, which raises BadInput.
-
-    option, unit : option and unit named in the message
-    """
-
-    def parse(text):
-        try:
-            number = float(text)
-        except ValueError:
-            number = float("nan")
-        if not abs(number) < float("inf"):
-            raise BadInput(f"{option} {text}: expected a number of {unit}")
-        return number
-
-    return parse
 
 
 def _target(flag: str, unit: str, letter: str, text: str) -> float | None:

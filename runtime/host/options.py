@@ -65,6 +65,24 @@ def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str],
     return parse
 
 
+def finite(option: str, unit: str) -> Callable[[str], float]:
+    """Return a converter of texts to finite numbers, which raises BadInput.
+
+    option, unit : option and unit named in the message
+    """
+
+    def parse(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = float("nan")
+        if not abs(number) < float("inf"):
+            raise BadInput(f"{option} {text}: expected a number of {unit}")
+        return number
+
+    return parse
+
+
 def whole_number(option: str, maximum: float = math.inf, minimum: int = 1) -> Callable[[str], int]:
     """Return a converter of texts to whole numbers from `minimum` to `maximum`. It raises BadInput.
 

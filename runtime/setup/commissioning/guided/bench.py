@@ -60,10 +60,15 @@ class Result:
 class Given:
     """What the operator has given for a device.
 
-    angle : rad, between the two marks; lever : runtime.setup.commissioning.guided.driven.Lever, or None
+    angle : rad, between the two marks; pose : rad, of the joint in the pose in which it is held
+    home : runtime.setup.commissioning.guided.home.Home, or None; steps : {name: StepRecord} of the device so far
+    lever : runtime.setup.commissioning.guided.driven.Lever, False for none, None before it was asked
     """
 
     angle: float
+    pose: float = 0.0
+    home: Any = None
+    steps: dict[str, Any] = field(default_factory=dict)
     lever: Any = None
 
 

@@ -27,27 +27,33 @@ def sign_of(block: Any) -> float:
 
 
 def pose(bench: Bench, block: Any, given: Given) -> Result:
-    """Compare the zero of the joint with the diagram's."""
-    bench.until_entered("Hold the joint at its zero, as the diagram defines it")
+    """Compare the joint in a known pose with the diagram: at its zero, or at another angle."""
+    where = f"at {math.degrees(given.pose):g}°" if given.pose else "at its zero"
+    bench.until_entered(f"Hold the joint {where}, as the diagram defines it")
     samples = bench.at_rest(block)
     at = sum(sample.position for sample in samples) / len(samples)
     joint = sign_of(block) * at - block.offset
-    result = Result([f"the joint reads {joint:.3f} rad at its zero"], {"zero": joint})
+    result = Result([f"the joint reads {joint:.3f} rad {where}"], {"zero": joint - given.pose})
+    compare_zero(result, block, joint - given.pose, f"{joint:.3f} rad {where}")
+    return result
+
+
+def compare_zero(result: Result, block: Any, error: float, reading: str) -> None:
+    """Name an error of the joint's zero in rad. reading : as text"""
     turn = block.shift
     if (
         turn > ZERO_TOLERANCE
-        and 0 < round(abs(joint) / turn) <= TURNS
-        and abs(math.remainder(joint, turn)) < 0.1 * turn
+        and 0 < round(abs(error) / turn) <= TURNS
+        and abs(math.remainder(error, turn)) < 0.1 * turn
     ):
         result.find(
             "motor turn",
-            f"the joint reads {joint:.3f} rad at its zero, {round(joint / turn)} turns of the motor: the drive was "
+            f"the joint reads {reading}, {round(error / turn)} turns of the motor off: the drive was "
             "switched on elsewhere and does not count turns without power. Switch it on at its zero, or set reference "
             "or known_pose",
         )
-    elif not block.zero_at_arming and abs(joint) > ZERO_TOLERANCE:
-        result.find("zero", f"the joint reads {joint:.3f} rad at its zero", offset=round(sign_of(block) * at, 4))
-    return result
+    elif not block.zero_at_arming and abs(error) > ZERO_TOLERANCE:
+        result.find("zero", f"the joint reads {reading}", offset=round(block.offset + error, 4))
 
 
 def turn(bench: Bench, block: Any, given: Given) -> Result:

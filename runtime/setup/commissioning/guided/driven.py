@@ -1,7 +1,8 @@
 """Steps under torque: regular runs of one drive with a guardian, at most 5 % of the rated torque.
 
-A lever of known mass hangs from the output. The torque grows until the lever shows it, so that an unknown scale of the
-torque is found before it is exceeded: torque at the joint = m g l sin(deflection).
+`diagram_of` connects a Probe to the drive, and `run_on_rig` runs it. The steps here need a lever of known mass, which
+hangs from the output. The torque grows until the lever shows it, so that an unknown scale of the torque is found before
+it is exceeded: torque at the joint = m g l sin(deflection).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 import signal
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.limiters import Saturation
@@ -21,10 +23,13 @@ from runtime.robot.loading.file import compile_diagram
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, number
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from runtime.session.result import Result as RunResult
 
 GRAVITY = 9.81  # m/s²
 LIMIT_SHARE, USED_SHARE = 0.05, 0.035  # of the rated torque: limit of the runs, and torque that they aim at
+COMMANDED = 0.97  # of the limit, largest command: its code is rounded
 STEEPEST = 0.5  # of m g l, largest torque that the lever is to show: 30°
 START_SHARE, GROWTH_TIME = 0.02, 2.5  # of the torque; s to its full value, exponentially
 REST_TIME, HOLD_TIME = 0.8, 1.2  # s
@@ -55,15 +60,9 @@ class Lever:
 
 
 class Probe(Block):
-    """Torque that grows exponentially, in each direction, until the deflection of a lever shows the wanted one.
+    """Torque of a step, and the end of its run."""
 
-    `rows` has (phase, position, command, reported torque) of each tick.
-    """
-
-    wanted = Param(0.1, "N·m", "torque that the lever is to show", above=0.0)
     largest = Param(0.1, "N·m", "largest command", above=0.0)
-    lever = Param(1.0, "N·m", "torque of the horizontal lever", above=0.0)
-    silence = Param(0.0, "s", "duration without frames after the first direction; 0: none", min=0.0)
     constant = Param(1.0, "N·m/A", "torque constant at the joint, of a drive that is commanded with a current")
 
     position = Input("rad", "joint angle")
@@ -71,7 +70,18 @@ class Probe(Block):
     reported = Input("N·m", "torque that the drive reports")
     torque = Output("N·m", "torque command")
     current = Output("A", "current of this torque")
-    lost = Output("1", "whether the lever swings instead of showing the torque", dtype=bool)
+    over = Output("1", "whether the run ends", dtype=bool)
+
+
+class LeverProbe(Probe):
+    """Torque that grows exponentially, in each direction, until the deflection of a lever shows the wanted one.
+
+    `rows` has (phase, position, command, reported torque, velocity) of each tick.
+    """
+
+    wanted = Param(0.1, "N·m", "torque that the lever is to show", above=0.0)
+    lever = Param(1.0, "N·m", "torque of the horizontal lever", above=0.0)
+    silence = Param(0.0, "s", "duration without frames after the first direction; 0: none", min=0.0)
 
     def configure(self) -> None:
         self.allowance = self.silence + 0.1 if self.silence else 0.0
@@ -121,7 +131,7 @@ class Probe(Block):
 
 def torque(bench: Bench, block: Any, given: Given) -> Result:
     """Compare direction and scale of the torque with a lever."""
-    lever = given.lever
+    lever = lever_of(block, given)
     if lever is None:
         return Result([NO_LEVER], done=False)
     probe, run = drive(bench, block, lever)
@@ -130,7 +140,7 @@ def torque(bench: Bench, block: Any, given: Given) -> Result:
     return torque_of(block, lever, probe)
 
 
-def torque_of(block: Any, lever: Lever, probe: Probe) -> Result:
+def torque_of(block: Any, lever: Lever, probe: LeverProbe) -> Result:
     """Compare direction and scale of the torque with what a lever has shown in a run."""
     result, sides = Result(), probe.sides()
     means = {name: [sum(row[i] for row in rows) / len(rows) for i in (1, 2, 3)] for name, rows in sides.items()}
@@ -160,7 +170,7 @@ def torque_of(block: Any, lever: Lever, probe: Probe) -> Result:
 
 def silence(bench: Bench, block: Any, given: Given) -> Result:
     """Let the frames stop while the drive holds the lever, and see whether it stops by itself."""
-    lever = given.lever
+    lever = lever_of(block, given)
     if lever is None:
         return Result([NO_LEVER], done=False)
     own = block.own_timeout
@@ -208,8 +218,15 @@ def rated_of(block: Any) -> float:
     return block.torque_limit if rated is None else rated * block.gear_ratio
 
 
-def lever_of(block: Any) -> Lever | None:
-    """Return the Lever that the operator mounts, None without one."""
+def lever_of(block: Any, given: Given) -> Lever | None:
+    """Return the Lever that the operator mounts, None without one; asked once for each device."""
+    if given.lever is None:
+        given.lever = asked_lever(block) or False
+    return given.lever or None
+
+
+def asked_lever(block: Any) -> Lever | None:
+    """Ask for the Lever of a drive."""
     wanted = USED_SHARE * rated_of(block) / STEEPEST
     mass = number(
         f"Hang a lever with a weight from the output of {block.path}, free to swing; mass × length about "
@@ -222,10 +239,18 @@ def lever_of(block: Any) -> Lever | None:
     return Lever(mass, length)
 
 
-def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple[Probe, RunResult]:
-    """Run a Probe on one drive, after the operator's Enter. Returns (Probe, Result of the run)."""
-    diagram, probe = diagram_of(block, lever, silence)
+def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple[LeverProbe, RunResult]:
+    """Run a LeverProbe on one drive, after the operator's Enter. Returns (LeverProbe, Result of the run)."""
+    diagram, probe = lever_diagram(block, lever, silence)
     return probe, run_on_rig(bench, diagram, math.ceil(probe.duration * RATE))
+
+
+def lever_diagram(block: Any, lever: Lever, silence: float) -> tuple[Diagram, LeverProbe]:
+    """Return (Diagram, its LeverProbe) of one drive."""
+    limit = limit_of(block)
+    wanted = min(USED_SHARE / LIMIT_SHARE * limit, STEEPEST * lever.torque)
+    probe_of = partial(LeverProbe, wanted=wanted, lever=lever.torque, silence=silence)
+    return diagram_of(block, probe_of, limit, timeout=2.0 * silence)
 
 
 def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
@@ -252,12 +277,20 @@ def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
     return run
 
 
-def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe]:
-    """Return (Diagram, its Probe) of one drive with the parameters of the robot's, limited to LIMIT_SHARE."""
-    limit = LIMIT_SHARE * rated_of(block)
-    wanted = min(USED_SHARE * rated_of(block), STEEPEST * lever.torque)
-    own = {name: getattr(block, name) for name in block.parameters}
-    timeout = max(own["timeout"], REPLY_TIMEOUT, 2.0 * silence)
+def limit_of(block: Any) -> float:
+    """Return the torque limit of the runs in N·m: LIMIT_SHARE of the rated torque, within the limit of the diagram."""
+    return min(LIMIT_SHARE * rated_of(block), block.capped_limit)
+
+
+def diagram_of(
+    block: Any, probe_of: Callable[..., Any], limit: float, timeout: float = 0.0, **own: Any
+) -> tuple[Diagram, Any]:
+    """Return (Diagram, its Probe) of one drive with the parameters of the robot's.
+
+    probe_of : returns a Probe; limit : N·m; timeout : s without a reply, REPLY_TIMEOUT at least; own : other parameters
+    """
+    own = {name: getattr(block, name) for name in block.parameters} | own
+    timeout = max(own["timeout"], REPLY_TIMEOUT, timeout)
     changed = {"limit": limit, "zero_at_arming": False, "timeout": timeout}
     if own.get("restart_time"):
         changed["restart_time"] = timeout  # torque only: an angle that a restart has shifted moves nothing
@@ -267,9 +300,9 @@ def diagram_of(block: Any, lever: Lever, silence: float) -> tuple[Diagram, Probe
     with Diagram("commission", rate=RATE) as diagram:
         joint = type(block)(**own | changed, name="joint")
         constant = {} if "torque_command" in joint.inputs else {"constant": joint.scales[2]}
-        probe = Probe(wanted=wanted, largest=limit, lever=lever.torque, silence=silence, name="probe", **constant)
-        command, current, lost = probe(joint.position, joint.velocity, joint.torque)
-        EmergencyStop(name="lever_swings")(lost)
+        probe = probe_of(largest=COMMANDED * limit, name="probe", **constant)
+        command, current, over = probe(joint.position, joint.velocity, joint.torque)
+        EmergencyStop(name="over")(over)
         if "torque_command" in joint.inputs:
             joint(torque_command=Saturation(lower=-limit, upper=limit)(command))
         else:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from graph import Actuator
-from runtime.setup.commissioning.guided import by_hand, driven, passive, sensors
+from runtime.setup.commissioning.guided import by_hand, driven, home, passive, sensors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,6 +18,7 @@ NO_MOTOR = "you move; no motor is enabled"
 BY_HAND = "you move the joint; its motor is off"
 BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
 LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
+HOMING = "the motor turns the joint to its stop and back; keep clear, with the power switch in your hand"
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Step:
     does : what it does; moves : what could move; carry_out : (Bench, block, Given) -> Result
     driven : whether it enables the motor, which every finding before prevents
     vital : whether a finding ends the commissioning of the device
+    on_request : whether it is carried out only if --only names it
     """
 
     name: str
@@ -35,6 +37,7 @@ class Step:
     carry_out: Callable[[Bench, Any, Given], Result]
     driven: bool = False
     vital: bool = False
+    on_request: bool = False
 
 
 STEPS = (
@@ -47,6 +50,7 @@ STEPS = (
     Step("motion", "range of the joint", BY_HAND, by_hand.motion),
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
+    Step("home", "place of a stop", HOMING, home.home, driven=True, on_request=True),
 )
 SENSOR_STEPS = (
     Step("rest", "rate, drop-outs, noise and bias", NO_MOTOR, sensors.rest),

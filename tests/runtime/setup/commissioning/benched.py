@@ -28,7 +28,7 @@ FOLDER = {folder!r}
 
 
 class Arm(Block):
-    """Joint that a hand holds, or from which a lever hangs."""
+    """Joint that a hand holds, from which a lever hangs, or that has a lower stop."""
 
     noise = Param(0.0, "rad")
     torque = Input("N·m")
@@ -41,6 +41,9 @@ class Arm(Block):
     def step(self, tick):
         return self.at + self.noise * math.sin(1.7 * tick), self.speed
 
+    def held(self, friction):
+        return 500.0 * min(0.0, self.at - self.hand["stop"]) + friction * math.tanh(50.0 * self.speed)
+
     def update(self, torque, tick):
         if tick % 20 == 0:
             try:
@@ -52,8 +55,8 @@ class Arm(Block):
             wanted = math.copysign(min(1.5 + 0.4 * math.sin(0.02 * tick), 8.0 * abs(left)), left)
             self.speed += max(-0.02, min(0.02, wanted - self.speed))
         else:
-            lever, inertia = self.hand["lever"], self.hand["inertia"]
-            pull = lever * math.sin(self.at)
+            lever, inertia = self.hand.get("lever", 0.4), self.hand["inertia"]
+            pull = lever * math.sin(self.at) if "lever" in self.hand else self.held(0.05)
             self.speed += (torque - pull - 0.15 * math.sqrt(lever * inertia) * self.speed) / inertia * self.dt
         self.at += self.speed * self.dt
         if abs(torque) > self.most:
@@ -133,7 +136,10 @@ class Benched:
         self.plant.communicate()
 
     def move(self, changed):
-        """Let the hand hold joints, or hang levers: {name: {"hold": rad} or {"lever": N·m, "inertia": kg·m²}}."""
+        """Let the hand hold joints, hang levers or release them.
+
+        changed : {name: {"hold": rad}, {"lever": N·m, "inertia": kg·m²} or {"stop": rad, "inertia": kg·m²}}
+        """
         self.hand |= changed
         new = self.folder / "hand.new"
         new.write_text(json.dumps(self.hand))

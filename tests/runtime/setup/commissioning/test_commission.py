@@ -1,6 +1,8 @@
 """`commission` on emulated drives with faults: each is named before the drive gets torque, none on healthy ones."""
 
+import math
 import os
+import re
 import signal
 import time
 
@@ -52,6 +54,25 @@ def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path,
         assert frames[-1] == DISABLE and ENABLE not in frames[frames.index(ENABLE) + 60 :]
         assert code not in (0, 1) and "torque" not in bench.records()["knee"].steps
         assert 0.0 < bench.torque("knee") <= 0.05 * 9.0
+
+
+@pytest.mark.soak
+def test_a_joint_is_homed_against_its_stop_and_its_offset_is_offered(tmp_path):
+    with Benched(tmp_path, 120, {"knee": ("CubeMars", "AK80-9", 3, {}, {})}) as bench:
+        ready(bench, "knee")
+        home = ("--only", "home", "--toward", "lower", "--at", "-40", "--travel", "60")
+        code, shown = bench.commission(*home)
+        assert code == BAD_INPUT and "--torque" in shown
+        code, shown = bench.commission(*home, "--torque", "2")
+        assert code == BAD_INPUT and "at most 0.45 N·m" in shown
+        bench.move({"knee": {"stop": -0.6, "inertia": 0.02}})
+        code, shown = bench.commission(*home, "--torque", "0.4")
+        step = bench.records()["knee"].steps["home"]
+        assert code == 1 and [name for name, _ in step.findings] == ["zero"], shown
+        assert step.measured["stop"] == pytest.approx(-0.6, abs=0.02)
+        offered = float(re.search(r"offset = (\S+)", shown)[1])
+        assert offered == pytest.approx(step.measured["stop"] + math.radians(40), abs=1e-3)
+        assert 0.0 < bench.torque("knee") <= 0.4
 
 
 @pytest.mark.hazard("H4i")

@@ -66,7 +66,7 @@ def carried_out(block, fades=(), **faults):
     """(Result of the torque step, largest torque) of an emulated drive. fades : (s, s) in which no reply arrives"""
     moment = 1.2 * driven.USED_SHARE * driven.rated_of(block) / driven.STEEPEST / driven.GRAVITY
     lever = driven.Lever(moment / LEVER, LEVER)
-    robot, probe = driven.diagram_of(block, lever, 0.0)
+    robot, probe = driven.lever_diagram(block, lever, 0.0)
     with Diagram("plant", rate=2000) as plant:
         arm = Hanging(moment=moment, length=LEVER)
         drive = robot["joint"].emulator(name="drive", **faults)

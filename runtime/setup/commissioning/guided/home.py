@@ -1,0 +1,265 @@
+"""Homing of a joint against its mechanical stop, at a bounded torque, speed and travel.
+
+The drive is commanded with torque alone, which it bounds whatever its encoded gains are. The torque grows while the
+joint is slower than wanted, and is reduced while it is faster:
+
+    away from the stop, a little      shows that the joint moves, and in the direction of the torque
+    to the stop                       until the speed collapses although the torque is at its limit
+    away from it, and to it again     the stop is at the same place, unless a coupling slips
+    away from it
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from graph import Param
+from runtime.host.console.terminal import print_lines
+from runtime.host.errors import BadInput
+from runtime.setup.commissioning.guided.bench import Bench, Given, Result, confirmed
+from runtime.setup.commissioning.guided.by_hand import compare_zero
+from runtime.setup.commissioning.guided.driven import (
+    LIMIT_SHARE,
+    RATE,
+    Probe,
+    diagram_of,
+    failed,
+    limit_of,
+    rated_of,
+    run_on_rig,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+AWAY = 0.12  # rad, motion away from the stop
+REST_TIME = 0.8  # s
+RESTLESS = 0.05  # rad, motion without torque of a joint that does not rest
+RISE_TIME = 1.0  # s in which the torque of a joint that stands grows to its limit
+CUT = 0.9  # of the torque that remains from tick to tick while the joint is too fast
+BRAKE = 0.5  # of the largest torque, against a joint that is twice as fast as wanted, or as fast backwards
+SLOW, AT_LIMIT, HELD_TIME = 0.15, 0.98, 0.3  # of the speed, of the torque, and s: the joint stands against a stop
+MOVED, AGAINST = 0.02, 0.02  # rad in the direction of the torque, and against it
+SPEED_SHARE = 0.35  # of the speed limit, at which the joint is moved
+SPEED_WINDOW = 5  # ticks over which a speed is derived from the position
+REPEATED = 0.03  # rad between two contacts with a stop
+BY_HAND = 0.08  # rad between a stop and the end of the motion by hand
+
+
+@dataclass(frozen=True)
+class Home:
+    """What the operator allows, and where the stop is.
+
+    direction : -1.0 for the lower end, 1.0 for the upper one
+    torque, speed, travel : limits in N·m, rad/s and rad
+    angle : rad of the joint at its stop in the convention of the diagram; None if unknown
+    """
+
+    direction: float
+    torque: float
+    speed: float
+    travel: float
+    angle: float | None = None
+
+    @property
+    def duration(self) -> float:
+        """Longest duration in s: travel and way back at a third of the speed, and five times the growth of torque."""
+        return REST_TIME + 3.0 * (self.travel + 4.0 * AWAY) / (SPEED_SHARE * self.speed) + 10.0 * (RISE_TIME + 0.5)
+
+
+class Found(Exception):
+    """A fault that ends the homing. Its arguments are its name, and what was measured."""
+
+
+class HomingProbe(Probe):
+    """Sequence of motions against a stop.
+
+    `stops` : joint angles in rad of the contacts; `found` : (name, text) of the fault that ended it, or None
+    `running` : N·m, largest torque while the joint moved; `finished` : whether the sequence ended; `restless` : rad
+    """
+
+    direction = Param(1.0, "1", "direction of the stop")
+    speed = Param(0.3, "rad/s", "largest speed, beyond which the run ends", above=0.0)
+    travel = Param(1.0, "rad", "largest motion from the beginning", above=0.0)
+
+    def reset(self):
+        self.script: Iterator[float] = self.sequence()
+        self.stops, self.found, self.running, self.finished, self.restless = [], None, 0.0, False, 0.0
+        self.trace, self.moved = [], False
+
+    def step(self, position, velocity):
+        self.trace.append(position)
+        self.at, self.rate = position, velocity
+        command = 0.0
+        try:
+            self.watch()
+            command = next(self.script)
+        except StopIteration:
+            self.finished = True
+        except Found as fault:
+            self.found = fault.args
+        return command, command / self.constant, self.finished or self.found is not None
+
+    def watch(self):
+        """Raise Found if the joint is too fast, by its velocity or by its position."""
+        recent = self.trace[-SPEED_WINDOW - 1 :]
+        derived = abs(recent[-1] - recent[0]) / max(1, len(recent) - 1) / self.dt
+        if max(abs(self.rate), derived) > self.speed:
+            raise Found(
+                "runaway",
+                f"the joint reached {max(abs(self.rate), derived):.2f} rad/s, and the limit is {self.speed:.2f} rad/s",
+            )
+
+    def sequence(self):
+        """Yield the torque of each tick."""
+        yield from self.pause()
+        begin, away, reach = self.at, -self.direction, self.travel
+        if abs(self.trace[-1] - self.trace[0]) > RESTLESS:
+            self.restless = self.trace[-1] - self.trace[0]
+            return
+        yield from self.move(away, AWAY)
+        for _ in range(2):
+            left = reach - self.direction * (self.at - begin)
+            if not (yield from self.move(self.direction, left)):
+                raise Found(
+                    "no stop", f"no stop within {reach:.2f} rad: the joint turned from {begin:.3f} to {self.at:.3f} rad"
+                )
+            if not self.moved:
+                raise Found(
+                    "stuck",
+                    f"the reading stays at {self.at:.3f} rad with {self.largest:.3g} N·m in both "
+                    "directions: the encoder or the joint is stuck, or its friction is larger",
+                )
+            self.stops.append(self.at)
+            if (yield from self.move(away, AWAY)):
+                raise Found(
+                    "stuck",
+                    f"the reading stays at {self.at:.3f} rad with {self.largest:.3g} N·m away from "
+                    "the stop: the encoder or the joint is stuck",
+                )
+
+    def pause(self):
+        """Yield no torque for REST_TIME."""
+        for _ in range(round(REST_TIME / self.dt)):
+            yield 0.0
+
+    def move(self, sign, distance):
+        """Yield the torque of a motion. Returns whether the speed collapsed before the distance in rad was covered."""
+        begin, command, held = self.at, 0.0, 0
+        growth = self.largest * self.dt / RISE_TIME
+        while (way := sign * (self.at - begin)) < distance:
+            share = sign * self.rate / (SPEED_SHARE * self.speed)
+            if share < 1.0:
+                command = min(self.largest, command + growth * min(1.0 - share, 1.5))
+            else:
+                command = max(-self.largest, min(command, CUT * command) - growth * (share - 1.0))
+            if way > MOVED:
+                self.moved, self.running = True, max(self.running, command * (share > 0.5))
+            elif not self.moved and (way < -AGAINST or share < -1.0):
+                raise Found(
+                    "sign of torque",
+                    f"a torque of {sign * command:.3g} N·m turned the joint by {self.at - begin:.3f} rad",
+                )
+            held = held + 1 if share < SLOW and command >= AT_LIMIT * self.largest else 0
+            if held * self.dt >= HELD_TIME:
+                return True
+            brake = BRAKE * self.largest * (max(0.0, share - 1.0) + min(0.0, share))
+            yield sign * max(-self.largest, min(self.largest, command - brake))
+        return False
+
+
+def home(bench: Bench, block: Any, given: Given) -> Result:
+    """Drive a joint against its stop, and compare the place of the stop with the diagram."""
+    wanted: Home = given.home
+    print_lines([f"  {line}" for line in announced(block, wanted)])
+    if not confirmed("Is the robot off the person, the lever removed and the way free"):
+        return Result(["the joint was not moved"], done=False)
+    diagram, probe = homing_diagram(block, wanted)
+    run = run_on_rig(bench, diagram, math.ceil(wanted.duration * RATE))
+    return home_of(block, wanted, probe, given.steps) if over(probe) else failed(Result(), block, run)
+
+
+def over(probe: HomingProbe) -> bool:
+    """Return whether a sequence came to its end, or to a fault of its own."""
+    return probe.finished or probe.found is not None
+
+
+def announced(block: Any, wanted: Home) -> list[str]:
+    """Return what will move, as lines."""
+    end, speed = "upper" if wanted.direction > 0.0 else "lower", math.degrees(wanted.speed)
+    own = block.own_timeout
+    return [
+        f"{block.path} turns {math.degrees(AWAY):.0f}° away from its {end} end, then twice to its stop and back, at "
+        f"most {math.degrees(wanted.travel):.0f}°",
+        f"at about {SPEED_SHARE * speed:.0f}°/s and at most {wanted.torque:.3g} N·m "
+        f"({wanted.torque / rated_of(block):.1%} of rated); beyond {speed:.0f}°/s the run ends",
+        "it has no time-out that is known: if computer and cable fail, it keeps this torque until you switch it off"
+        if own is None
+        else f"without frames it stops by itself after {own:g} s",
+    ]
+
+
+def check_limits(block: Any, wanted: Home) -> None:
+    """Raise BadInput if the torque is above the limit of the bench."""
+    limit = limit_of(block)
+    if wanted.torque > limit:
+        raise BadInput(
+            f"--torque {wanted.torque:g}: at most {limit:.3g} N·m for {block.path}, {LIMIT_SHARE:.0%} of its rated "
+            "torque or the limit of the diagram"
+        )
+
+
+def homing_diagram(block: Any, wanted: Home) -> tuple[Any, HomingProbe]:
+    """Return (Diagram, its HomingProbe) of one drive. The range of the joint does not end the run: it is measured."""
+    probe_of = partial(HomingProbe, direction=wanted.direction, speed=wanted.speed, travel=wanted.travel)
+    return diagram_of(block, probe_of, wanted.torque, range=())
+
+
+def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any]) -> Result:
+    """Compare what a HomingProbe has found with the diagram, and with the ends of the motion by hand.
+
+    steps : {name: StepRecord} of the steps before
+    """
+    result = Result()
+    if probe.restless:
+        text = f"without torque the joint turned by {probe.restless:.3f} rad: support it, or turn it to where it rests"
+        return Result([text], done=False)
+    if probe.found:
+        result.find(*probe.found)
+        return result
+    first, again = probe.stops
+    stop, spread = 0.5 * (first + again), abs(first - again)
+    result.measured = {"stop": stop, "spread": spread, "torque": wanted.torque, "running": probe.running}
+    result.says.append(
+        f"the stop is at {stop:.3f} rad, again within {spread * 1e3:.1f} mrad, at {wanted.torque:.3g} N·m; up to "
+        f"{probe.running:.3g} N·m moved the joint"
+    )
+    if spread > REPEATED:
+        result.find(
+            "stop not repeated",
+            f"the joint stopped at {first:.3f} and {again:.3f} rad: a coupling or strap slips, or the stop yields",
+        )
+        return result
+    motion = steps.get("motion")
+    if motion is not None and motion.measured:
+        end = motion.measured["high" if wanted.direction > 0.0 else "low"]
+        if wanted.direction * (end - stop) > BY_HAND:
+            result.find(
+                "stop before the end",
+                f"the joint stopped at {stop:.3f} rad, and by hand it moved to {end:.3f} rad: it binds, or the torque "
+                "is too low",
+            )
+            return result
+    angle = wanted.angle
+    if angle is None and block.range:
+        angle = block.range[1 if wanted.direction > 0.0 else 0]
+    if angle is None:
+        result.says.append("to compare it with the diagram, declare range in the rig, or pass --at")
+    elif block.zero_at_arming:
+        result.says.append("its zero is set at arming, so the stop is not compared with the diagram")
+    else:
+        compare_zero(result, block, stop - angle, f"{stop:.3f} rad at its stop, which is at {angle:.3f} rad")
+    return result
