@@ -247,6 +247,13 @@ class Family:
         """Return the StopQuery of a block of this family. A family with drives defines it."""
         raise TypeError(f"{type(block).__name__} is not a drive of the device family {self.name}")
 
+    def identity(self, block: Any) -> Dialogue | None:
+        """Return a dialogue that returns {serial number: firmware} of the units that respond as a block of this family.
+
+        The firmware is "" where it is not reported. None if the protocol reports no serial number. It enables no drive.
+        """
+        return None
+
     def check(self, request: Request) -> None:
         """Raise Rejected for a Request that no drive of this family supports. Sends nothing."""
         refused = request.other_than("--zero")

@@ -15,8 +15,9 @@ from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.options import TIME_LIMIT, number
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.file import I2C
+from runtime.robot.rig.tool_bus import ToolBus
 from runtime.setup.commissioning import imus, ports_inventory, scan_text
-from runtime.setup.commissioning.bus import ToolBus, named_buses
+from runtime.setup.commissioning.bus import named_buses
 from runtime.setup.commissioning.chips import look
 from runtime.setup.commissioning.scan import clock, plain, scan
 

@@ -90,7 +90,7 @@ class Armed:
             prepared.request.arm_on or not prepared.request.yes,
             list(rig.guardian.granted),
             poses,
-            () if prepared.subject is None else prepared.subject.lines(prepared.diagram),
+            () if prepared.subject is None else [*prepared.subject.lines(prepared.diagram), *prepared.records],
         )
 
         def show() -> None:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
 from blocks.sinks import Panel, PlotJuggler, Rerun
-from graph import Actuator, Device, Diagram, Schedule
-from graph.caveats import Caveat
+from graph import Device, Diagram, Schedule
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
@@ -49,6 +48,7 @@ class Prepared:
     source_sha256 : hex digest of the source of the diagram file; None without a file
     feed : clock and buses of a recorded run that is repeated; None for a new run
     subject : Subject whose limits the diagram and the schedule contain, or None
+    records : lines on the records of commissioning that were compared
     """
 
     request: Request
@@ -62,6 +62,7 @@ class Prepared:
     source_sha256: str | None = field(default=None, kw_only=True)
     feed: Feed | None = field(default=None, kw_only=True)
     subject: Subject | None = field(default=None, kw_only=True)
+    records: list[str] = field(default_factory=list[str], kw_only=True)
 
     @property
     def plant(self) -> Program | None:
@@ -121,7 +122,11 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         require_ranges(rig, diagram)
         require_supply(rig.battery, diagram, rig.path)
     schedule, ticks = compile_adapted(request, diagram, subject)
-    unrecorded = [] if subject is None else without_record(path, diagram, subject)
+    unrecorded, records = [], []
+    if subject is not None:
+        from runtime.robot.rig.record_checks import compare_records
+
+        unrecorded, records = compare_records(rig, diagram, subject.name, request.accept)
     require_acceptance(rig.path, [*schedule.caveats, *unrecorded], request.accept)
     if not request.yes and request.arm_on is None and not can_ask():
         raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
@@ -137,23 +142,8 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         arm_slot=arming_slot(diagram, schedule, request.arm_on),
         source_sha256=file.sha256,
         subject=subject,
+        records=records,
     )
-
-
-def without_record(rig: Path, diagram: Diagram, subject: Subject) -> list[Caveat]:
-    """Return a Caveat for each actuator whose record of commissioning is missing, does not fit or has findings."""
-    from runtime.robot.rig.records import records_of
-
-    records = records_of(rig)
-    found: list[Caveat] = []
-    for block in (block for block in diagram if isinstance(block, Actuator)):
-        record = records.get(block.path)
-        reasons = ["is missing"] if record is None else record.mismatches(block)
-        reasons += [] if record is None else [f"found: {text}" for _, text in record.findings]
-        if reasons:
-            words = f"{subject.name} asks for its record of commissioning, which {'; '.join(reasons)}"
-            found.append(Caveat(block.path, "record", f"{words}. Run the command `commission`", False))
-    return found
 
 
 def compile_adapted(request: Request, diagram: Diagram, subject: Subject | None = None) -> tuple[Schedule, int]:

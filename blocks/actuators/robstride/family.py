@@ -62,6 +62,9 @@ class RobStrideFamily(Family):
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
         return self.stop_query_in_mit_mode(can_id, model, host)
 
+    def identity(self, block: RobStride | RobStrideMIT) -> Dialogue | None:
+        return queries.units(block.can_id) if isinstance(block, RobStride) else None
+
     def check(self, request: Request) -> None:
         set_up.check(request)
 

@@ -21,7 +21,7 @@ from blocks.actuators.queries import one_of, same_id, symmetric
 from blocks.actuators.queries import state_in_mit_mode as common_state
 from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.parameters import PARAMETERS
-from graph.dialogue import Dialogue, ask
+from graph.dialogue import Dialogue, Listen, Send, ask
 from graph.family import Answer
 
 if TYPE_CHECKING:
@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
 ROBSTRIDE, EITHER, MIT = "RobStride", "RobStride or CyberGear", "RobStride in its MIT protocol"
 ID_PURPOSE, STOP_PURPOSE = "get id of RobStride drives", "stop of RobStride drives"
+VERSION_PURPOSE = "stop and version of RobStride drives"
 COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
 HOST = 0xFD
+ATTEMPTS, REPLY_TIMEOUT, TWIN_TIMEOUT = 2, 0.1, 0.01  # number; s for the first reply; s for that of a second drive
 VERSION = bytes([0x00, 0xC4])
 POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
 SMALL = 0.5  # rad, position from which on a code shows its range to 0.1 %
@@ -209,7 +211,7 @@ def details(answer: Answer) -> Dialogue:
         found = Answer(EITHER, can_id, remarks=[silent], block="RobStride")
     found.unique = answer.unique
     read_firmware = partial(firmware, can_id=can_id)
-    found.firmware = (yield from ask(version(can_id), "stop and version of RobStride drives", read_firmware)) or ""
+    found.firmware = (yield from ask(version(can_id), VERSION_PURPOSE, read_firmware)) or ""
     found.family = ROBSTRIDE if found.firmware else EITHER
     reply = found.position
     for name, key in (("mechPos", "position"), ("mechVel", "velocity"), ("VBUS", "voltage")):
@@ -217,6 +219,22 @@ def details(answer: Answer) -> Dialogue:
         if number is not None:
             setattr(found, key, number)
     found.notes += range_in_words(reply, found.position)
+    return found
+
+
+def units(can_id: int) -> Dialogue:
+    """Dialogue that stops the drives of an id, and returns {unique number: firmware}, "" for a CyberGear's firmware."""
+    found: dict[str, str] = {}
+    for _ in range(ATTEMPTS):
+        yield Send(get_id(can_id), ID_PURPOSE)
+        received = yield Listen(REPLY_TIMEOUT, lambda frames: any(identity(*frame, can_id=can_id) for frame in frames))
+        received += yield Listen(TWIN_TIMEOUT)
+        found = {number: "" for frame in received if (number := identity(*frame, can_id=can_id))}
+        if found:
+            break
+    for number in found:
+        read_firmware = partial(firmware, can_id=can_id)
+        found[number] = (yield from ask(version(can_id), VERSION_PURPOSE, read_firmware)) or ""
     return found
 
 

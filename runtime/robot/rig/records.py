@@ -108,8 +108,26 @@ class Record:
             for name, value in self.settings.items()
             if name in block.parameters and plain(getattr(block, name)) != value
         ]
+        now = settings_of(block)
+        found += [
+            f"was measured without {name} = {toml(now[name])}"
+            for name in now.keys() - self.settings.keys() - {"range"}
+            if now[name] != plain(block.parameters[name].default)
+        ]
         age = ((today or datetime.date.today()) - datetime.date.fromisoformat(self.signed["date"])).days
         return [*found, *[f"is {age} days old"] * (age > FRESH)]
+
+    def differences(self, serial: str, firmware: str) -> list[str]:
+        """Return how the unit that responds differs from this record. firmware : "" if it reports none"""
+        if serial != self.serial:
+            return [f"is of the unit {self.serial}, and the unit that responds is {serial}, which has no record"]
+        if firmware != self.firmware:
+            return [f"is of firmware {self.firmware or 'unknown'}, and the unit has {firmware or 'reported none'}"]
+        return []
+
+    def found_in_words(self) -> list[str]:
+        """Return its findings as text."""
+        return [f"found: {text}" for _, text in self.findings]
 
 
 def of_text(text: str, path: Path) -> Record:
@@ -133,12 +151,20 @@ def folder_of(rig: str | Path) -> Path:
 
 def records_of(rig: str | Path) -> dict[str, Record]:
     """Return {path of a block: its Record} of a rig file; the newest where a path has several. Raises BadInput."""
-    found: dict[str, Record] = {}
-    for path in sorted(folder_of(rig).glob("*.toml")):
-        record = of_text(path.read_text(encoding="utf-8"), path)
-        if record.device not in found or found[record.device].signed["date"] <= record.signed["date"]:
-            found[record.device] = record
-    return found
+    return {record.device: record for record in every_record(rig)}
+
+
+def every_record(rig: str | Path) -> list[Record]:
+    """Return the Records of a rig file, the newest last. Raises BadInput."""
+    paths = sorted(folder_of(rig).glob("*.toml"))
+    return sorted(
+        (of_text(path.read_text(encoding="utf-8"), path) for path in paths), key=lambda each: each.signed["date"]
+    )
+
+
+def file_of(rig: str | Path, record: Record) -> Path:
+    """Return the path of a record's file."""
+    return folder_of(rig) / f"{re.sub(r'[^A-Za-z0-9._-]', '_', record.serial)}.toml"
 
 
 def digest(records: Mapping[str, Record]) -> str:
@@ -148,7 +174,7 @@ def digest(records: Mapping[str, Record]) -> str:
 
 def write(rig: str | Path, record: Record) -> Path:
     """Write a record beside its rig file, in place of that of the same serial number. Returns its path."""
-    path = folder_of(rig) / f"{re.sub(r'[^A-Za-z0-9._-]', '_', record.serial)}.toml"
+    path = file_of(rig, record)
     try:
         path.parent.mkdir(exist_ok=True)
         replaced_file.write(path, record.text())

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 from blocks.actuators.queries import same_id
 from blocks.families import families
 from runtime.host.errors import BadInput
-from runtime.setup.commissioning import j1939
-from runtime.setup.commissioning.bus import QUERY_INTERVAL
+from runtime.robot.rig import j1939
+from runtime.robot.rig.tool_bus import QUERY_INTERVAL
 
 if TYPE_CHECKING:
     from graph.family import Answer, Drive, Query
-    from runtime.setup.commissioning.bus import ToolBus
+    from runtime.robot.rig.tool_bus import ToolBus
 
 LISTEN_TIME = 0.1  # s before a single drive is queried
 SETTLE_TIME = 0.08  # s after the last query of a round

@@ -24,7 +24,7 @@ from runtime.setup.commissioning.scan import merged_stop_queries, refuse_company
 
 if TYPE_CHECKING:
     from graph.family import Answer, Drive
-    from runtime.setup.commissioning.bus import ToolBus
+    from runtime.robot.rig.tool_bus import ToolBus
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
 SILENCE_TIMEOUT = 1.0  # s without an answer until silence is reported

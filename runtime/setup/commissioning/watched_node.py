@@ -15,7 +15,7 @@ from runtime.setup.commissioning.watched import WatchedBlocks
 
 if TYPE_CHECKING:
     from graph.family import Node
-    from runtime.setup.commissioning.bus import ToolBus
+    from runtime.robot.rig.tool_bus import ToolBus
 
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
 SET_UP_INTERVAL = 0.1  # s between two attempts to configure the sensor
@@ -25,7 +25,7 @@ SETTINGS_TIMEOUT = 1.0  # s until the sensor has returned its settings
 class WatchedNode(WatchedBlocks):
     """One J1939 sensor.
 
-    bus : runtime.setup.commissioning.bus.ToolBus
+    bus : runtime.robot.rig.tool_bus.ToolBus
     kind : graph.family.Node
     parameters : parameters of the sensor's block
 

@@ -11,7 +11,7 @@ from runtime.setup.commissioning.scan import refuse_company
 
 if TYPE_CHECKING:
     from graph.family import Request
-    from runtime.setup.commissioning.bus import ToolBus
+    from runtime.robot.rig.tool_bus import ToolBus
 
 
 def check(request: Request) -> None:

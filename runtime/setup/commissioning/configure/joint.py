@@ -19,7 +19,7 @@ from runtime.setup.commissioning.scan import refuse_company
 
 if TYPE_CHECKING:
     from graph.family import Answer
-    from runtime.setup.commissioning.bus import ToolBus
+    from runtime.robot.rig.tool_bus import ToolBus
 
 QUERY_INTERVAL = 0.02  # s
 SILENCE_TIMEOUT = 0.5  # s without an answer

@@ -14,8 +14,9 @@ from runtime.host.console.confirm import discard_typed, enter_pressed
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
 from runtime.robot.rig.records import AGREES, DIFFERS, OPEN
+from runtime.robot.rig.tool_bus import ToolBus
 from runtime.setup.commissioning import scan
-from runtime.setup.commissioning.bus import ToolBus, open_bus
+from runtime.setup.commissioning.bus import open_bus
 
 if TYPE_CHECKING:
     from collections.abc import Callable

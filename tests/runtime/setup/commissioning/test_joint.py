@@ -16,8 +16,8 @@ from runtime.record.report.preflight.table import marks, position_range
 from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.rig.file import RigBus, parse, read
 from runtime.robot.rig.overrides import override
+from runtime.robot.rig.tool_bus import ToolBus
 from runtime.setup.commissioning import rig_edit
-from runtime.setup.commissioning.bus import ToolBus
 from runtime.setup.commissioning.configure.joint import Motor
 from tests.runtime.runs import finished, knee, started, write
 from tests.runtime.setup.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, Servo

@@ -1,0 +1,109 @@
+"""Records of commissioning against the units that respond when a run with a subject file starts."""
+
+import datetime
+import re
+
+import pytest
+
+from runtime.robot.rig.records import Record, write
+from tests.runtime.runs import finished, started
+from tests.runtime.runs import write as write_file
+from tests.runtime.setup.commissioning.nodes import channel
+
+ROBOT = """
+from blocks.actuators import CubeMars, RobStride
+from blocks.actuators.cubemars import EmulatedCubeMars
+from blocks.actuators.robstride import EmulatedRobStride
+from graph import Diagram
+from graph import Input, Output
+
+with Diagram("legs", rate=200) as diagram:
+    for name, block in (
+        ("left", RobStride("RS02", "legs", 20, range=(-0.3, 0.3), name="left")),
+        ("right", RobStride("RS02", "legs", 21, range=(-0.3, 0.3), name="right")),
+        ("cyber", RobStride("CyberGear", "legs", 22, range=(-0.3, 0.3), name="cyber")),
+        ("hip", CubeMars("AK80-9", "legs", 3, range=(-0.3, 0.3), name="hip")),
+    ):
+        block(torque_command=0.0)
+
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as plant:
+        for name, unit, firmware in (("left", "A", "0.2.3.32"), ("right", "B", "0.2.3.33"), ("cyber", "C", "")):
+            robot[name].emulator(unique=unit * 16, firmware=firmware)(position=0.1, velocity=0.0)
+        robot["hip"].emulator()(position=0.1, velocity=0.0)
+    return plant
+"""
+SUBJECT = """
+version = 1
+id = "S03"
+signed_by = "A. Investigator"
+date = 2026-11-27
+reason = "first session"
+
+[joint."*"]
+torque = 1.5
+"""
+AT = {"block": "RobStride", "model": "RS02"}
+UNITS = {
+    "left": AT | {"serial": "A" * 16, "firmware": "0.2.3.32.0", "settings": {"can_id": 20}},
+    "right": AT | {"serial": "B" * 16, "firmware": "0.2.3.33.0", "settings": {"can_id": 21}},
+    "cyber": AT | {"serial": "C" * 16, "model": "CyberGear", "settings": {"can_id": 22}},
+    "hip": {"serial": "X 7", "block": "CubeMars", "model": "AK80-9", "settings": {"can_id": 3}},
+}
+
+
+@pytest.fixture(scope="module")
+def legs(tmp_path_factory):
+    """The folder of a robot whose drives respond, as the fixture `run` needs it."""
+    folder = tmp_path_factory.mktemp("legs")
+    write_file(folder, SUBJECT, "subject.toml")
+    write_file(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel(77)}"\n', "lab.toml")
+    robot = write_file(folder, ROBOT)
+    plant = started("emulate", robot, "--rig", "lab.toml", cwd=folder)
+    while "Ctrl-C ends it" not in (line := plant.stdout.readline()):
+        assert line, plant.communicate()
+    yield folder
+    plant.kill()
+    plant.communicate()
+
+
+def run(folder, *words, **changed):
+    """Run with records of UNITS, some of them changed, {path: fields}."""
+    for old in folder.glob("lab.records/*"):
+        old.unlink()
+    for path, own in UNITS.items():
+        signed = {"name": "E. Person", "date": str(datetime.date.today())}
+        write(folder / "lab.toml", Record(**{"device": path, "signed": signed} | own | changed.get(path, {})))
+    words = ("--rig", "lab.toml", "--subject", "subject.toml", "--yes", "--no-record", "--duration", "0.2", *words)
+    return finished("robot.py", *words, cwd=folder)
+
+
+@pytest.mark.hazard("H1o")
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"left": {"firmware": "0.2.3.31.0"}}, "A.toml is of firmware 0.2.3.31.0, and the unit has 0.2.3.32.0"),
+        ({"right": {"serial": "D" * 16}}, f"is of the unit {'D' * 16}, and the unit that responds is {'B' * 16}"),
+        ({"left": {"serial": "B" * 16}, "right": {"serial": "A" * 16}}, "A.toml was measured at right"),
+        ({"cyber": {"serial": "E" * 16}}, f"and the unit that responds is {'C' * 16}"),
+    ],
+    ids=["firmware", "unit", "exchanged", "cybergear"],
+)
+def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
+    ended = run(legs, **changed)
+    assert ended.returncode == 2 and words in ended.stderr and "commission" in ended.stderr, ended.stderr
+    assert all(f"--accept {path}.record" in ended.stderr for path in changed), ended.stderr
+
+
+def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
+    ended = run(legs)
+    assert ended.returncode == 0, ended.stderr
+    for path, words in (
+        ("left", "record AAAAAAAAAAAAAAAA of .*; serial number and firmware compared"),
+        ("cyber", "record CCCCCCCCCCCCCCCC of .*; serial number compared, no firmware"),
+        ("hip", "record X 7 of .*; serial number and firmware not compared: its protocol reports neither"),
+    ):
+        assert re.search(f"{path}: {words}\n", ended.stderr), ended.stderr
+    ended = run(legs, "--accept", "left.record", left={"firmware": ""})
+    assert ended.returncode == 0 and "accepted although it is of firmware unknown" in ended.stderr, ended.stderr
