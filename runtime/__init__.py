@@ -265,6 +265,7 @@ def check(
     settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
     rate: float | None = None,
     rig: str | os.PathLike[str] | None = None,
+    subject: str | os.PathLike[str] | None = None,
 ) -> Report:
     """Compile a diagram and return the report of `python -m runtime check`, which print() and a notebook show.
 
@@ -272,7 +273,7 @@ def check(
         report["ok"], report["proofs"]      # the keys of `check --json`
 
     diagram : path of a diagram file, a Diagram, or a function that builds one
-    settings, rate, rig : as in `run`; not for a Diagram
+    settings, rate, rig, subject : as in `run`; not for a Diagram
 
     Returns a runtime.session.check.text.Report, a dict. Raises BadInput if a file cannot be read.
     """
@@ -284,9 +285,12 @@ def check(
         from runtime.session.check.text import Report
 
     pairs = pairs_of(settings)
-    if isinstance(diagram, Diagram) and (pairs or rate is not None or rig is not None):
-        raise BadInput("settings, rate and rig would change the Diagram: pass the function or the file that builds it")
-    return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))
+    if isinstance(diagram, Diagram) and (pairs or not rate is rig is subject is None):
+        raise BadInput(
+            "settings, rate, rig and subject would change the Diagram: pass the function or the file that builds it"
+        )
+    files = (None if path is None else os.fspath(path) for path in (rig, subject))
+    return Report(check(diagram, pairs, rate, *files))
 
 
 @interruptible

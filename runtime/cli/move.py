@@ -129,9 +129,10 @@ def parse(arguments: Sequence[str]) -> Namespace:
     add_options(
         parser,
         Request,
-        "rate",
+        *("rate", "subject"),
         *("yes", "accept", "record", "no_record", "plotjuggler", "realtime", "overrun", "spin"),
         in_sections=True,
+        subject={"help": "limits for one person: the smallest of any joint in this file"},
         rate={"default": 200.0, "help": "ticks per second (default: 200)"},
         yes={"help": "arm without waiting for Enter"},
     )

@@ -103,7 +103,8 @@ def read_subject(request: Request) -> Subject | None:
         return None
     from runtime.robot.loading.subject import read  # a run without one starts without it
 
-    return read(request.subject)
+    subject = read(request.subject)
+    return subject.for_any_joint() if request.bench else subject
 
 
 def prepare_on_rig(request: Request, path: Path) -> Prepared:
@@ -123,7 +124,7 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         require_supply(rig.battery, diagram, rig.path)
     schedule, ticks = compile_adapted(request, diagram, subject)
     unrecorded, records = [], []
-    if subject is not None:
+    if subject is not None and not request.bench:
         from runtime.robot.rig.record_checks import compare_records
 
         unrecorded, records = compare_records(rig, diagram, subject.name, request.accept)

@@ -31,6 +31,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +170,20 @@ class Subject:
             for path in matching:
                 found[path] = self.smaller(found[path], caps) if path in found else caps
         return found
+
+    def for_any_joint(self) -> Subject:
+        """Return the Subject of one actuator that may be at any joint: the smallest of all caps.
+
+        Raises BadInput for a range, which needs the zero and the direction of a joint.
+        """
+        if ranges := [name for name, caps in self.joints.items() if caps.range]:
+            raise BadInput(
+                f"{self.file}: the range of {', '.join(ranges)} cannot be held without a rig and a diagram, which have "
+                "the zero and the direction of the joint. Run a diagram with --subject, or take the actuator off the "
+                "person and omit --subject"
+            )
+        joints = {"*": reduce(self.smaller, self.joints.values())} if self.joints else {}
+        return replace(self, joints=joints, assistance={})
 
     def smaller(self, one: Caps, other: Caps) -> Caps:
         """Return the smaller of each quantity of two Caps."""

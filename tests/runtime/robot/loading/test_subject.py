@@ -43,6 +43,9 @@ def test_check_lists_the_limits_of_a_subject_and_reports_what_they_contradict(tm
     code, out, _ = command_line("check", KNEE_EXO, "--subject", caps)
     assert code == 0 and re.search(r"limits of the subject\n(?s:.*)left/knee: 3 N·m", out)
     assert not json.loads(command_line("check", KNEE_EXO, "--json")[1])["subject"]
+    assert runtime.check(KNEE_EXO, subject=caps)["subject"][1] == "left/knee: 3 N·m"
+    with pytest.raises(BadInput, match="and subject would change the Diagram"):
+        runtime.check(robot(), subject=caps)
     code, _, err = command_line(
         "check", KNEE_EXO, "--subject", subject(tmp_path, '[joint."kne"]\ntorque = 3', "2.toml")
     )

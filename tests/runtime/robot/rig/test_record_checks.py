@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+import runtime
+from runtime.host.errors import BadInput
 from runtime.robot.rig.records import Record, write
 from tests.runtime.runs import finished, started
 from tests.runtime.runs import write as write_file
@@ -94,6 +96,16 @@ def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
     ended = run(legs, **changed)
     assert ended.returncode == 2 and words in ended.stderr and "commission" in ended.stderr, ended.stderr
     assert all(f"--accept {path}.record" in ended.stderr for path in changed), ended.stderr
+
+
+@pytest.mark.hazard("H1o")
+@pytest.mark.parametrize("call", [runtime.run, runtime.connect])
+def test_python_asks_for_records_as_the_command_does(legs, call):
+    for old in legs.glob("lab.records/*"):
+        old.unlink()
+    with pytest.raises(BadInput, match="left: subject S03 .* which is missing"):
+        with call(legs / "robot.py", rig=legs / "lab.toml", subject=legs / "subject.toml", duration=1.0, yes=True):
+            pass
 
 
 def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):

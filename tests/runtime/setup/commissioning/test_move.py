@@ -9,7 +9,7 @@ from runtime.host.errors import BAD_INPUT, FAULT, OK
 from runtime.robot.guardian.lock import BusLock
 from runtime.setup.commissioning.move import build
 from tests.blocks.actuators import reference, robstride_reference
-from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished, write
 from tests.runtime.setup.commissioning.nodes import Mit, Nodes, Private, Servo
 
 pytestmark = pytest.mark.paced
@@ -55,6 +55,23 @@ def test_a_torque_rises_slowly_stays_within_a_tenth_of_the_rated_one_and_ends_in
     assert max(steps) < 0.9 * 2.0 * ticks / 200.0 + 2 * STEP  # of the limiter's slew, to the codes of the wire
     assert files.sidecar["missed"] == 0 or files.table["tick"][-1] == 199
     assert max(files.table["actuator.torque_sent [N*m]"]) == pytest.approx(0.6, abs=STEP)
+
+
+@pytest.mark.hazard("H1l")
+def test_a_subject_limits_move_to_the_smallest_cap_of_any_joint(tmp_path):
+    text = 'version = 1\nid = "S03"\nsigned_by = "A"\ndate = 2026-11-27\nreason = "first"\n'
+    text += '[joint."*/knee"]\ntorque = 0.4\n[joint."left/hip"]\ntorque = 9\nspeed = 5\n'
+    path = write(tmp_path, text, "s.toml")
+    drive, words = Mit(3), ("--torque", "0.6", "--subject", path, "--yes", "--no-record")
+    with Nodes(67, drive) as nodes:
+        process = moved(tmp_path, nodes, *words)
+        path.write_text(text + "range = [-1, 1]\n")
+        refused = moved(tmp_path, nodes, *words)
+    orders = [data for data in commands(drive) if data not in (ENABLE, DISABLE)]
+    torques = [reference.read_command(AK80_9, bytes.fromhex(data))["torque"] for data in orders]
+    assert process.returncode == OK and "actuator: 0.4 N·m, 5 rad/s" in process.stderr, process.stderr
+    assert 0.4 - 2 * STEP < max(torques) <= 0.4
+    assert refused.returncode == BAD_INPUT and "the range of left/hip cannot be held" in refused.stderr, refused.stderr
 
 
 @pytest.mark.soak
