@@ -182,8 +182,7 @@ def commission_device(
 
 def off_because(record: Record) -> str:
     """Return why the device of a record gets no torque, "" if nothing prevents it."""
-    from runtime.robot.rig.records import AGREES
-    from runtime.setup.commissioning.guided.steps import BEFORE_TORQUE
+    from runtime.robot.rig.records import AGREES, BEFORE_TORQUE
 
     missing = [name for name in BEFORE_TORQUE if name not in record.steps or record.steps[name].verdict != AGREES]
     if record.findings:
@@ -194,13 +193,17 @@ def off_because(record: Record) -> str:
 def record_for(bench: Bench, block: Any) -> Record:
     """Return the record of the unit behind a drive: the fresh one, or a new one."""
     from runtime.record.storage.provenance import machine, versions
+    from runtime.robot.rig.identity import identities
     from runtime.robot.rig.records import Record, records_of, settings_of
     from runtime.setup.commissioning.guided.bench import ask
 
-    answers, unique = [], getattr(block, "serial", "")
+    unique = firmware = ""
     if hasattr(block, "can_id"):
         answers = [drive for drive in bench.report(block.bus).drives if drive.can_id == block.can_id]
-        unique = answers[0].unique if len(answers) == 1 else ""
+        if len(answers) == 1:
+            unique, firmware = answers[0].unique, answers[0].firmware
+    elif len(units := identities(bench.rig, [block], bench.buses).get(block.path, {})) == 1:
+        [(unique, firmware)] = units.items()
     records = {record.serial: record for record in records_of(bench.rig.path).values()}
     known = next((record.serial for record in records.values() if record.device == block.path), "")
     serial = unique
@@ -210,13 +213,12 @@ def record_for(bench: Bench, block: Any) -> Record:
     record = records.get(serial)
     if record is not None:
         reasons = record.mismatches(block)
-        firmware = answers[0].firmware if answers else ""
         if firmware and record.firmware != firmware:
             reasons.append(f"has firmware {record.firmware or 'unknown'}, now {firmware}")
         if not reasons:
             return record
         print_lines([f"  its record {'; '.join(reasons)}: every step is repeated"])
-    firmware, bus = answers[0].firmware if len(answers) == 1 else "", bench.rig.buses.get(block.bus)
+    bus = bench.rig.buses.get(block.bus)
     here = machine()
     about = {
         "computer": f"{here['processor'] or here['architecture']}, {here['system']}",

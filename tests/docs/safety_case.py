@@ -50,9 +50,9 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "refused.",
             "m": "The guardian reads the torque in the frames of a capped actuator. A command above the cap is not "
             "sent where the guardian carries the bus, and a measured torque above it and its accuracy ends the run.",
-            "o": "A run with a subject file is armed on a rig only if each actuator has a record of commissioning that "
-            "is fresh, fits its block and the unit that responds, and has no findings, or if the operator accepts "
-            "its absence by name.",
+            "o": "A run with a subject file is armed on a rig only if each actuator and inertial sensor has a record "
+            "of commissioning that is fresh and complete, fits its block and the unit that responds, and has no "
+            "findings, or if the operator accepts its absence by name.",
             "n": "A session ends after the time of the subject file, with a ramp of the commands.",
         },
     ),

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from graph import Actuator
 from graph.caveats import Caveat
 from runtime.robot.rig.identity import identities
-from runtime.robot.rig.records import every_record, file_of
+from runtime.robot.rig.records import every_record, file_of, recorded_devices
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -15,11 +14,6 @@ if TYPE_CHECKING:
     from graph import Diagram
     from runtime.robot.rig.file import RigFile
     from runtime.robot.rig.records import Record
-
-
-def recorded_devices(diagram: Diagram) -> list[Any]:
-    """Return the blocks whose records are asked for."""
-    return [block for block in diagram if isinstance(block, Actuator)]
 
 
 def compare_records(
@@ -68,7 +62,7 @@ def caveats_of(
     for block in devices:
         if (record := records.get(block.path)) is None:
             words = "which is missing"
-        elif reasons := [*record.mismatches(block), *live.get(block.path, ()), *record.found_in_words()]:
+        elif reasons := [*record.mismatches(block), *live.get(block.path, ()), *record.faults(block)]:
             words = f"and {file_of(rig.path, record)} {'; '.join(reasons)}"
         else:
             continue

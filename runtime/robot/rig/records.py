@@ -35,6 +35,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from graph import Actuator, Device
 from runtime.host import replaced_file
 from runtime.host.errors import BadInput
 
@@ -46,11 +47,13 @@ else:
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from graph import Device
+    from graph import Diagram
 
 VERSION = 1
 FRESH = 180  # days
 AGREES, DIFFERS, OPEN = "agrees", "differs", "not measured"
+BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
+OF_SENSORS = ("rest", "bend")  # steps that must agree before a sensor is worn
 
 
 @dataclass
@@ -125,9 +128,11 @@ class Record:
             return [f"is of firmware {self.firmware or 'unknown'}, and the unit has {firmware or 'reported none'}"]
         return []
 
-    def found_in_words(self) -> list[str]:
-        """Return its findings as text."""
-        return [f"found: {text}" for _, text in self.findings]
+    def faults(self, block: Device) -> list[str]:
+        """Return its findings as text, and the steps without one that a worn robot needs."""
+        needed = BEFORE_TORQUE if isinstance(block, Actuator) else OF_SENSORS
+        left = [name for name in needed if name not in self.steps or self.steps[name].verdict == OPEN]
+        return [*[f"has no {', '.join(left)}"] * bool(left), *(f"found: {text}" for _, text in self.findings)]
 
 
 def of_text(text: str, path: Path) -> Record:
@@ -147,6 +152,12 @@ def of_text(text: str, path: Path) -> Record:
 def folder_of(rig: str | Path) -> Path:
     """Return the folder of the records of a rig file."""
     return Path(rig).with_suffix(".records")
+
+
+def recorded_devices(diagram: Diagram) -> list[Device]:
+    """Return the blocks that are commissioned: actuators and inertial sensors."""
+    devices = [block for block in diagram if isinstance(block, Device)]
+    return [block for block in devices if isinstance(block, Actuator) or {"accel", "gyro"} <= set(block.outputs)]
 
 
 def records_of(rig: str | Path) -> dict[str, Record]:

@@ -12,7 +12,7 @@ from msgspec.structs import asdict
 
 from cext.fused.library import obstacle
 from cext.safety.thresholds import PAGE_SILENCE
-from graph import Actuator, Device, DiagramError, Signal
+from graph import Device, DiagramError, Signal
 from graph.assembly import assemble
 from graph.compiler import examine
 from graph.drawing import wired_to
@@ -30,7 +30,7 @@ from runtime.robot.rig.battery import require_supply
 from runtime.robot.rig.file import read
 from runtime.robot.rig.joints import require_ranges
 from runtime.robot.rig.poses import Poses
-from runtime.robot.rig.records import AGREES, OPEN, records_of
+from runtime.robot.rig.records import AGREES, OPEN, recorded_devices, records_of
 from runtime.session.check import battery
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            motor, A), supply (V), supply_note (reason why it is
                            assumed, ""), supply_current (A, at most)
     simulated              seconds, mean mechanical, heat, power (W), time (h)
-  records                  null without a rig; for each actuator: device, serial, by
+  records                  null without a rig; for each actuator and inertial sensor: device, serial, by
                            and date of its record (null: it rests on the table
                            alone), agrees (steps of `commission`), open (steps
                            that measured nothing), findings, mismatches (reasons
@@ -205,9 +205,9 @@ def report_of_refusal(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str
 
 
 def describe_records(rig: Path, diagram: Diagram) -> list[dict[str, Any]]:
-    """Describe the record of each actuator. rig : path of the rig file"""
+    """Describe the record of each actuator and inertial sensor. rig : path of the rig file"""
     records, described = records_of(rig), []
-    for block in (block for block in diagram if isinstance(block, Actuator)):
+    for block in recorded_devices(diagram):
         record = records.get(block.path)
         row: dict[str, Any] = {"device": block.path, **dict.fromkeys(("serial", "by", "date"))}
         row |= {"agrees": [], "open": [], "findings": [], "mismatches": []}

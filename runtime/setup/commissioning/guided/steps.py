@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 NOTHING = "nothing moves: only disable frames are sent"
 NO_MOTOR = "you move; no motor is enabled"
 BY_HAND = "you move the joint; its motor is off"
-BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
 LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
 HOMING = "the motor turns the joint to its stop and back; keep clear, with the power switch in your hand"
 

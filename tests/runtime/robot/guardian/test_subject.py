@@ -209,6 +209,7 @@ def test_a_subject_asks_for_records_of_commissioning_that_fit(tmp_path):
 
     def record(device, **changes):
         own = {"serial": device[:1], "device": device, "block": "CubeMars", "model": "AK10-9-V2.0"}
+        own["steps"] = {name: StepRecord("2026-11-27 14:02", "agrees") for name in ("identity", "bus", "state", "turn")}
         own["settings"] = {"can_id": 1 + (device == "right/knee"), "wake_shift": 0.0}
         signed = {"name": "E. Person", "date": str(datetime.date.today())}
         write_record(rig, Record(**own | {"signed": signed} | changes))

@@ -7,7 +7,7 @@ import pytest
 
 import runtime
 from runtime.host.errors import BadInput
-from runtime.robot.rig.records import Record, write
+from runtime.robot.rig.records import AGREES, BEFORE_TORQUE, OF_SENSORS, Record, StepRecord, write
 from tests.runtime.runs import finished, started
 from tests.runtime.runs import write as write_file
 from tests.runtime.setup.commissioning.nodes import channel
@@ -16,6 +16,8 @@ ROBOT = """
 from blocks.actuators import CubeMars, RobStride
 from blocks.actuators.cubemars import EmulatedCubeMars
 from blocks.actuators.robstride import EmulatedRobStride
+from blocks.imus import OpenImu
+from blocks.imus.openimu.emulator import EmulatedOpenImu
 from graph import Diagram
 from graph import Input, Output
 
@@ -27,6 +29,7 @@ with Diagram("legs", rate=200) as diagram:
         ("hip", CubeMars("AK80-9", "legs", 3, range=(-0.3, 0.3), name="hip")),
     ):
         block(torque_command=0.0)
+    OpenImu("imus", 129, name="shank")
 
 
 def plant(robot):
@@ -34,6 +37,7 @@ def plant(robot):
         for name, unit, firmware in (("left", "A", "0.2.3.32"), ("right", "B", "0.2.3.33"), ("cyber", "C", "")):
             robot[name].emulator(unique=unit * 16, firmware=firmware)(position=0.1, velocity=0.0)
         robot["hip"].emulator()(position=0.1, velocity=0.0)
+        EmulatedOpenImu.of(robot["shank"])(accel=(0.0, 0.0, -9.81), gyro=(0.0, 0.0, 0.0))
     return plant
 """
 SUBJECT = """
@@ -46,11 +50,13 @@ reason = "first session"
 [joint."*"]
 torque = 1.5
 """
+IMU, VERSION = "6904E06600830000", "1.1.2.0.0"
 AT = {"block": "RobStride", "model": "RS02"}
 UNITS = {
     "left": AT | {"serial": "A" * 16, "firmware": "0.2.3.32.0", "settings": {"can_id": 20}},
     "right": AT | {"serial": "B" * 16, "firmware": "0.2.3.33.0", "settings": {"can_id": 21}},
     "cyber": AT | {"serial": "C" * 16, "model": "CyberGear", "settings": {"can_id": 22}},
+    "shank": {"serial": IMU, "block": "OpenImu", "model": "300RI", "firmware": VERSION, "settings": {"address": 129}},
     "hip": {"serial": "X 7", "block": "CubeMars", "model": "AK80-9", "settings": {"can_id": 3}},
 }
 
@@ -60,7 +66,12 @@ def legs(tmp_path_factory):
     """The folder of a robot whose drives respond, as the fixture `run` needs it."""
     folder = tmp_path_factory.mktemp("legs")
     write_file(folder, SUBJECT, "subject.toml")
-    write_file(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel(77)}"\n', "lab.toml")
+    write_file(
+        folder,
+        f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel(77)}"\n[bus.imus]\n'
+        f'interface = "udp_multicast"\nchannel = "{channel(78)}"\nbitrate = 250_000\n',
+        "lab.toml",
+    )
     robot = write_file(folder, ROBOT)
     plant = started("emulate", robot, "--rig", "lab.toml", cwd=folder)
     while "Ctrl-C ends it" not in (line := plant.stdout.readline()):
@@ -76,7 +87,9 @@ def run(folder, *words, **changed):
         old.unlink()
     for path, own in UNITS.items():
         signed = {"name": "E. Person", "date": str(datetime.date.today())}
-        write(folder / "lab.toml", Record(**{"device": path, "signed": signed} | own | changed.get(path, {})))
+        steps = {name: StepRecord("2026-11-27 14:02", AGREES) for name in (*BEFORE_TORQUE, *OF_SENSORS)}
+        fields = {"device": path, "signed": signed, "steps": steps} | own | changed.get(path, {})
+        write(folder / "lab.toml", Record(**fields))
     words = ("--rig", "lab.toml", "--subject", "subject.toml", "--yes", "--no-record", "--duration", "0.2", *words)
     return finished("robot.py", *words, cwd=folder)
 
@@ -89,8 +102,13 @@ def run(folder, *words, **changed):
         ({"right": {"serial": "D" * 16}}, f"is of the unit {'D' * 16}, and the unit that responds is {'B' * 16}"),
         ({"left": {"serial": "B" * 16}, "right": {"serial": "A" * 16}}, "A.toml was measured at right"),
         ({"cyber": {"serial": "E" * 16}}, f"and the unit that responds is {'C' * 16}"),
+        ({"shank": {"serial": "F" * 16}}, f"and the unit that responds is {IMU}"),
+        ({"shank": {"firmware": "1.0.9.0.0"}}, f"is of firmware 1.0.9.0.0, and the unit has {VERSION}"),
+        ({"shank": {"settings": {"address": 129, "orientation": "x"}}}, "was measured with orientation"),
+        ({"shank": {"steps": {"rest": StepRecord("2026-11-27 14:02", AGREES)}}}, "has no bend"),
+        ({"left": {"steps": {}}}, "has no identity, bus, state, turn"),
     ],
-    ids=["firmware", "unit", "exchanged", "cybergear"],
+    ids=["firmware", "unit", "exchanged", "cybergear", "imu", "imu firmware", "axes", "bend", "steps"],
 )
 def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
     ended = run(legs, **changed)
@@ -114,6 +132,7 @@ def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
     for path, words in (
         ("left", "record AAAAAAAAAAAAAAAA of .*; serial number and firmware compared"),
         ("cyber", "record CCCCCCCCCCCCCCCC of .*; serial number compared, no firmware"),
+        ("shank", "record .*; serial number and firmware compared"),
         ("hip", "record X 7 of .*; serial number and firmware not compared: its protocol reports neither"),
     ):
         assert re.search(f"{path}: {words}\n", ended.stderr), ended.stderr
