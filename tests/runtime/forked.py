@@ -173,6 +173,7 @@ class Server:
 
     def __init__(self, environment):
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._forking = threading.Lock()
         self.started_with = read_at_start(environment)
         with theirs:
             self._process = subprocess.Popen(
@@ -191,8 +192,9 @@ class Server:
 
         files : the pipe for its wait status, and what gets the numbers request["places"]
         """
-        socket.send_fds(self._socket, [json.dumps(request).encode()], files)
-        return STATUS.unpack(self._socket.recv(STATUS.size))[0]
+        with self._forking:  # otherwise two threads may get each other's process, and wait for one that they do not end
+            socket.send_fds(self._socket, [json.dumps(request).encode()], files)
+            return STATUS.unpack(self._socket.recv(STATUS.size))[0]
 
     def close(self):
         self._socket.close()

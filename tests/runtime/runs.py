@@ -22,6 +22,7 @@ from runtime.record.storage.format import Frame
 from tests.blocks.actuators import reference
 from tests.runtime.forked import Forked, Server
 
+STARTING = threading.Lock()  # of the server: `cache` alone starts one for each thread
 ROOT = Path(__file__).resolve().parents[2]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
 AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
@@ -108,9 +109,14 @@ def module(name, *arguments, cwd=ROOT, cold=False, limits=None, **how):
     return Forked(server(), words, limits, cwd=cwd, **how)
 
 
-@functools.cache
 def server():
     """Process that forks runs, the same until the tests end."""
+    with STARTING:
+        return only_server()
+
+
+@functools.cache
+def only_server():
     server = Server(environment())
     atexit.register(server.close)
     return server
