@@ -29,6 +29,7 @@ examples:
   commission lab.toml knee.py --device left/knee --again turn
   commission lab.toml knee.py --only identity bus state
   commission lab.toml knee.py --device left/knee --only home --toward lower --torque 0.4 --travel 60
+  commission lab.toml knee.py --device left/knee --only dynamics
 
 Take the drives off the person and hold the switch of their power. Each step prints what it does, what could move, and
 what it found. Steps without torque come first; a drive gets torque, at most 5 % of rated, only if they found nothing.
@@ -62,11 +63,13 @@ def main(arguments: Sequence[str]) -> int:
         help="angle at which the step `pose` holds the joint",
     )
     parser.add_argument("--name", metavar="NAME", help="your name, for the records (default: asked)")
+    add_number(
+        parser, "--travel", "degrees", "DEG", "motion in the steps home and dynamics", default=ANGLE, maximum=720.0
+    )
     homing = parser.section("homing against a stop, with --only home")
     homing.add_argument("--toward", choices=("lower", "upper"), help="end of the range to which the joint is driven")
     add_number(homing, "--torque", "N·m", "T", "largest torque, at most 5 %% of rated; required")
     add_number(homing, "--speed", "degrees/s", "V", "speed beyond which the run ends", default=SPEED, maximum=180.0)
-    add_number(homing, "--travel", "degrees", "DEG", "largest motion", default=ANGLE, maximum=720.0)
     homing.add_argument(
         "--at",
         type=finite("--at", "degrees"),
@@ -142,12 +145,14 @@ def commission_device(
     bench: Bench, block: Any, options: Namespace, name: str, home: Home | None = None
 ) -> tuple[Record, dict[str, Any]]:
     """Carry out the steps of one device and write its record after each. Returns (Record, cures for the rig)."""
-    from runtime.robot.rig.records import StepRecord, write
+    from runtime.robot.rig.records import StepRecord, file_of, write
     from runtime.setup.commissioning.guided.bench import Given
     from runtime.setup.commissioning.guided.steps import steps_of
 
     record, cures = record_for(bench, block), {}
-    given = Given(math.radians(options.angle), math.radians(options.pose), home, record.steps)
+    angle, pose, travel = (math.radians(value) for value in (options.angle, options.pose, options.travel))
+    picture = file_of(bench.rig.path, record).with_suffix(".png")
+    given = Given(angle, pose, travel, home, picture, record.steps)
     steps = [step for step in steps_of(block) if (step.name in options.only if options.only else not step.on_request)]
     for number, step in enumerate(steps, 1):
         again = options.again is not None and (not options.again or step.name in options.again)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from contextlib import ExitStack
@@ -63,12 +64,15 @@ class Given:
 
     angle : rad, between the two marks; pose : rad, of the joint in the pose in which it is held
     home : runtime.setup.commissioning.guided.home.Home, or None; steps : {name: StepRecord} of the device so far
+    travel : rad, largest motion; picture : its file, beside the record
     lever : runtime.setup.commissioning.guided.driven.Lever, False for none, None before it was asked
     """
 
     angle: float
     pose: float = 0.0
+    travel: float = math.pi / 2.0
     home: Any = None
+    picture: Path | None = None
     steps: dict[str, Any] = field(default_factory=dict)
     lever: Any = None
 

@@ -302,6 +302,8 @@ def diagram_of(
         constant = {} if "torque_command" in joint.inputs else {"constant": joint.scales[2]}
         probe = probe_of(largest=COMMANDED * limit, name="probe", **constant)
         command, current, over = probe(joint.position, joint.velocity, joint.torque)
+        sent = {name: getattr(joint, name) for name in ("torque_sent", "current_sent") if name in joint.outputs}
+        probe(**{name: signal for name, signal in sent.items() if name in probe.inputs})
         EmergencyStop(name="over")(over)
         if "torque_command" in joint.inputs:
             joint(torque_command=Saturation(lower=-limit, upper=limit)(command))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from graph import Param
 from runtime.host.console.terminal import print_lines
@@ -24,27 +24,21 @@ from runtime.setup.commissioning.guided.by_hand import compare_zero
 from runtime.setup.commissioning.guided.driven import (
     LIMIT_SHARE,
     RATE,
-    Probe,
     diagram_of,
     failed,
     limit_of,
     rated_of,
     run_on_rig,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from runtime.setup.commissioning.guided.scripted import REST_TIME, Found, ScriptedProbe
 
 AWAY = 0.12  # rad, motion away from the stop
-REST_TIME = 0.8  # s
-RESTLESS = 0.05  # rad, motion without torque of a joint that does not rest
 RISE_TIME = 1.0  # s in which the torque of a joint that stands grows to its limit
 CUT = 0.9  # of the torque that remains from tick to tick while the joint is too fast
 BRAKE = 0.5  # of the largest torque, against a joint that is twice as fast as wanted, or as fast backwards
 SLOW, AT_LIMIT, HELD_TIME = 0.15, 0.98, 0.3  # of the speed, of the torque, and s: the joint stands against a stop
 MOVED, AGAINST = 0.02, 0.02  # rad in the direction of the torque, and against it
 SPEED_SHARE = 0.35  # of the speed limit, at which the joint is moved
-SPEED_WINDOW = 5  # ticks over which a speed is derived from the position
 REPEATED = 0.03  # rad between two contacts with a stop
 BY_HAND = 0.08  # rad between a stop and the end of the motion by hand
 
@@ -70,56 +64,23 @@ class Home:
         return REST_TIME + 3.0 * (self.travel + 4.0 * AWAY) / (SPEED_SHARE * self.speed) + 10.0 * (RISE_TIME + 0.5)
 
 
-class Found(Exception):
-    """A fault that ends the homing. Its arguments are its name, and what was measured."""
+class HomingProbe(ScriptedProbe):
+    """Sequence of motions against a stop. `stops` : joint angles in rad of the contacts
 
-
-class HomingProbe(Probe):
-    """Sequence of motions against a stop.
-
-    `stops` : joint angles in rad of the contacts; `found` : (name, text) of the fault that ended it, or None
-    `running` : N·m, largest torque while the joint moved; `finished` : whether the sequence ended; `restless` : rad
+    `running` : N·m, largest torque while the joint moved
     """
 
     direction = Param(1.0, "1", "direction of the stop")
-    speed = Param(0.3, "rad/s", "largest speed, beyond which the run ends", above=0.0)
     travel = Param(1.0, "rad", "largest motion from the beginning", above=0.0)
 
     def reset(self):
-        self.script: Iterator[float] = self.sequence()
-        self.stops, self.found, self.running, self.finished, self.restless = [], None, 0.0, False, 0.0
-        self.trace, self.moved = [], False
-
-    def step(self, position, velocity):
-        self.trace.append(position)
-        self.at, self.rate = position, velocity
-        command = 0.0
-        try:
-            self.watch()
-            command = next(self.script)
-        except StopIteration:
-            self.finished = True
-        except Found as fault:
-            self.found = fault.args
-        return command, command / self.constant, self.finished or self.found is not None
-
-    def watch(self):
-        """Raise Found if the joint is too fast, by its velocity or by its position."""
-        recent = self.trace[-SPEED_WINDOW - 1 :]
-        derived = abs(recent[-1] - recent[0]) / max(1, len(recent) - 1) / self.dt
-        if max(abs(self.rate), derived) > self.speed:
-            raise Found(
-                "runaway",
-                f"the joint reached {max(abs(self.rate), derived):.2f} rad/s, and the limit is {self.speed:.2f} rad/s",
-            )
+        super().reset()
+        self.stops, self.running, self.moved = [], 0.0, False
 
     def sequence(self):
         """Yield the torque of each tick."""
-        yield from self.pause()
+        yield from self.rest()
         begin, away, reach = self.at, -self.direction, self.travel
-        if abs(self.trace[-1] - self.trace[0]) > RESTLESS:
-            self.restless = self.trace[-1] - self.trace[0]
-            return
         yield from self.move(away, AWAY)
         for _ in range(2):
             left = reach - self.direction * (self.at - begin)
@@ -140,11 +101,6 @@ class HomingProbe(Probe):
                     f"the reading stays at {self.at:.3f} rad with {self.largest:.3g} N·m away from "
                     "the stop: the encoder or the joint is stuck",
                 )
-
-    def pause(self):
-        """Yield no torque for REST_TIME."""
-        for _ in range(round(REST_TIME / self.dt)):
-            yield 0.0
 
     def move(self, sign, distance):
         """Yield the torque of a motion. Returns whether the speed collapsed before the distance in rad was covered."""
@@ -179,12 +135,7 @@ def home(bench: Bench, block: Any, given: Given) -> Result:
         return Result(["the joint was not moved"], done=False)
     diagram, probe = homing_diagram(block, wanted)
     run = run_on_rig(bench, diagram, math.ceil(wanted.duration * RATE))
-    return home_of(block, wanted, probe, given.steps) if over(probe) else failed(Result(), block, run)
-
-
-def over(probe: HomingProbe) -> bool:
-    """Return whether a sequence came to its end, or to a fault of its own."""
-    return probe.finished or probe.found is not None
+    return home_of(block, wanted, probe, given.steps) if probe.ended else failed(Result(), block, run)
 
 
 def announced(block: Any, wanted: Home) -> list[str]:
@@ -224,9 +175,8 @@ def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any])
     steps : {name: StepRecord} of the steps before
     """
     result = Result()
-    if probe.restless:
-        text = f"without torque the joint turned by {probe.restless:.3f} rad: support it, or turn it to where it rests"
-        return Result([text], done=False)
+    if probe.left_open:
+        return Result([probe.left_open], done=False)
     if probe.found:
         result.find(*probe.found)
         return result

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from graph import Actuator
-from runtime.setup.commissioning.guided import by_hand, driven, home, passive, sensors
+from runtime.setup.commissioning.guided import by_hand, driven, dynamics, home, passive, sensors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +17,7 @@ NOTHING = "nothing moves: only disable frames are sent"
 NO_MOTOR = "you move; no motor is enabled"
 BY_HAND = "you move the joint; its motor is off"
 LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
+SWINGS = "the motor swings the joint, then turns it back and forth; keep clear, with the power switch in your hand"
 HOMING = "the motor turns the joint to its stop and back; keep clear, with the power switch in your hand"
 
 
@@ -49,6 +50,7 @@ STEPS = (
     Step("motion", "range of the joint", BY_HAND, by_hand.motion),
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
+    Step("dynamics", "friction, inertia and feel", SWINGS, dynamics.dynamics, driven=True, on_request=True),
     Step("home", "place of a stop", HOMING, home.home, driven=True, on_request=True),
 )
 SENSOR_STEPS = (

@@ -16,7 +16,7 @@ def homed(block, joint, wanted=WANTED, steps=None, **faults):
     """(Result, the joint) of homing an emulated drive."""
     robot, probe = home.homing_diagram(block, wanted)
     outcome, arm = moved(robot, {"lower": -1.2} | joint, wanted.duration, **faults)
-    assert home.over(probe), (outcome.status, outcome.tick, outcome.error, probe.at, probe.stops)
+    assert probe.ended, (outcome.status, outcome.tick, outcome.error, probe.at, probe.stops)
     return home.home_of(block, wanted, probe, steps or {}), arm
 
 
