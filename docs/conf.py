@@ -11,6 +11,8 @@ sys.path.insert(0, str(ROOT))
 
 from docutils import nodes  # noqa: E402
 
+from runtime.robot.loading.draw import draw_file  # noqa: E402
+from tests.diagrams.robots import ROBOTS, path  # noqa: E402
 from tests.docs import generated, site  # noqa: E402
 
 QUICK = bool(os.environ.get("DOCS_QUICK"))  # without pictures and notebooks, for the tests
@@ -181,6 +183,12 @@ def remove_template(app, exception):
     (Path(app.outdir) / "_static" / "webpack-macros.html").unlink(missing_ok=True)
 
 
+def draw_robots(app, exception):
+    """Write the pages with zoom that a click on the drawing of a robot opens, beside the drawings."""
+    for robot in () if QUICK or exception else ROBOTS:
+        draw_file(path(robot), output=str(Path(app.outdir) / "_images" / f"{robot}.html"))
+
+
 def setup(app):
     """Write the generated pages, and connect the converters."""
     generated.write(Path(app.srcdir) / "api", quick=QUICK)
@@ -190,3 +198,4 @@ def setup(app):
     app.connect("doctree-resolved", mark_words)
     app.connect("doctree-resolved", link_blocks)
     app.connect("build-finished", remove_template)
+    app.connect("build-finished", draw_robots)

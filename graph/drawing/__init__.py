@@ -14,10 +14,11 @@ from graph.diagram import Diagram
 from graph.drawing.cards import block_card, signal_text
 from graph.drawing.mermaid import mermaid
 from graph.drawing.model import Drawing
-from graph.drawing.outline import outline
+from graph.drawing.outline import outline, selections
 from graph.drawing.page import page
 from graph.drawing.style import MARGIN
 from graph.drawing.svg import svg
+from graph.drawing.twins import find_twins
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -27,19 +28,26 @@ __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 
 
 def draw(
-    diagram: Diagram, *, all_ports: bool = False, values: bool = False, place: Callable[[Any], str] = str
+    diagram: Diagram,
+    *,
+    all_ports: bool = False,
+    values: bool = False,
+    fold: bool = False,
+    place: Callable[[Any], str] = str,
 ) -> Drawing:
     """Lay out the Drawing of a diagram, which may have errors.
 
     all_ports : include the ports that are not wired
     values : leave room for a value beside each output
+    fold : draw a subsystem that is like an earlier one, such as the other leg, as one box
     place : converts the Location of a block to text
     """
     from graph.drawing.compose import Picture, collect, lay_out  # imports networkx: 20 MB and 0.1 s
 
     found = examine(diagram)
     root = outline(diagram, found.taps)
-    laid = lay_out(root, found, all_ports, values)
+    find_twins(root, diagram)
+    laid = lay_out(root, found, all_ports, values, fold)
     picture = Picture()
     collect(root, MARGIN, MARGIN, found, picture)
     targets = wired_to(diagram, found)
@@ -57,6 +65,7 @@ def draw(
             for block in diagram
             for name in block.outputs
         },
+        elements={block.path: source.path for block, (source, _, _) in selections(diagram).items()},
     )
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import networkx as nx
 
-from graph.block import Block
 from graph.device import Device
-from graph.drawing import boxes, cards, channels, layers, placing
+from graph.drawing import boxes, channels, layers, placing
 from graph.drawing.layers import Edge, Node
 from graph.drawing.model import Box, Frame, Line, Pin, Port
 from graph.drawing.outline import Level
+from graph.drawing.splitting import Part
 from graph.drawing.style import (
     BETWEEN_BOXES,
     BETWEEN_LINES,
@@ -58,16 +58,22 @@ class Laid:
         ]
 
 
-def lay_out(level: Level, found: Compilation, all_ports: bool, values: bool) -> Laid:
-    """Return the Laid of a level, and set `level.laid` of it and of all levels inside."""
-    nodes: dict[Block | Level, Node] = {}
+def lay_out(level: Level, found: Compilation, all_ports: bool, values: bool, fold: bool) -> Laid:
+    """Return the Laid of a level, and set `level.laid` of it and of all levels inside.
+
+    fold : whether a level that is like another is one box
+    """
+    nodes: dict[Part | Level, Node] = {}
     pins: dict[Key, Node] = {}
     for thing in level.things:
-        if isinstance(thing, Level):
-            nodes[thing] = frame_node(thing, found, all_ports, values)
+        if isinstance(thing, Level) and thing.like and fold:
+            box = boxes.twin(thing)
+            nodes[thing] = Node(box, box.width, box.height, box.left, box.right, frame=True)
+        elif isinstance(thing, Level):
+            nodes[thing] = frame_node(thing, found, all_ports, values, fold)
         else:
             box = boxes.plan(thing, found, all_ports, values, level.links.values(), level.every)
-            nodes[thing] = Node(box, box.width, box.height, box.left, box.right, eager=isinstance(thing, Device))
+            nodes[thing] = Node(box, box.width, box.height, box.left, box.right, eager=isinstance(thing.block, Device))
     for key in level.pins:
         if key[0] != "enabled":
             inward = key[0] == "in"
@@ -78,7 +84,7 @@ def lay_out(level: Level, found: Compilation, all_ports: bool, values: bool) -> 
                 side="first" if inward else "last",
             )
 
-    def end(thing: Block | Level | None, key: Key) -> tuple[Node, Key]:
+    def end(thing: Part | Level | None, key: Key) -> tuple[Node, Key]:
         return (pins[key] if thing is None else nodes[thing]), key
 
     edges = [Edge(*end(*link.source), *end(*link.target), link.delayed, link) for link in level.links.values()]
@@ -88,9 +94,9 @@ def lay_out(level: Level, found: Compilation, all_ports: bool, values: bool) -> 
     return level.laid
 
 
-def frame_node(level: Level, found: Compilation, all_ports: bool, values: bool) -> Node:
+def frame_node(level: Level, found: Compilation, all_ports: bool, values: bool, fold: bool) -> Node:
     """Return the node of a subsystem in the enclosing level."""
-    inner = lay_out(level, found, all_ports, values)
+    inner = lay_out(level, found, all_ports, values, fold)
     heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
     inner.width = max(inner.width, math.ceil(heading + 4 * FRAME_PADDING))
     for index, (edge, points, joints, back) in enumerate(inner.lines):  # pins are on the edge of the frame
@@ -107,8 +113,10 @@ def frame_node(level: Level, found: Compilation, all_ports: bool, values: bool) 
 
 
 def note(level: Level) -> str:
-    """Return the rate and condition of a subsystem, for its title."""
-    words = [f"every {level.every} ticks"] if level.every != 1 else []
+    """Return what to add to the title of a subsystem: its rate, its condition, and whether it is like another."""
+    words = [level.share] if level.share else []
+    words += [f"every {level.every} ticks"] if level.every != 1 else []
+    words += [f"as {level.like.title}"] if level.like else []
     return ", ".join(words + [f"while {key[1]}" for key in level.pins if key[0] == "enabled"])
 
 
@@ -259,7 +267,18 @@ def collect(level: Level, x: float, y: float, found: Compilation, picture: Pictu
             pins = [Pin(key[1], key[0], left, top + offset) for key, offset in node.left.items()]
             pins += [Pin(key[1], key[0], left + node.width, top + offset) for key, offset in node.right.items()]
             picture.frames.append(
-                Frame(inner.path, level.path, inner.title, note(inner), left, top, node.width, node.height, tuple(pins))
+                Frame(
+                    inner.path,
+                    level.path,
+                    inner.title,
+                    note(inner),
+                    left,
+                    top,
+                    node.width,
+                    node.height,
+                    tuple(pins),
+                    inner.like is not None,
+                )
             )
             collect(inner, left, top, found, picture)
         elif not node.side:
@@ -278,16 +297,17 @@ def collect(level: Level, x: float, y: float, found: Compilation, picture: Pictu
                 tuple((a + x, b + y) for a, b in points),
                 tuple(sorted((a + x, b + y) for a, b in joints)),
                 back,
+                back and link.loop,
                 wide,
                 wrong,
             )
         )
 
 
-def name_of(level: Level, thing: Block | Level | None, key: Key) -> End:
+def name_of(level: Level, thing: Part | Level | None, key: Key) -> End:
     """Return the name of an end of a Line."""
-    if isinstance(thing, Block):
-        return f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
+    if isinstance(thing, Part):
+        return f"{thing.block.path}.{key if isinstance(key, str) else 'enabled'}"
     side, signal = key
     return (level.path if thing is None else thing.path), side, signal
 
@@ -300,13 +320,20 @@ def box(node: Node, x: float, y: float, level: Level) -> Box:
         for key, offset in plan.left.items()
     ]
     ports += [
-        Port(plan.labels[key], "out", x + node.width, y + offset, plan.notes.get(key, ""))
+        Port(
+            plan.labels[key],
+            "out",
+            x + node.width,
+            y + offset,
+            plan.notes.get(key, ""),
+            signal=plan.signals.get(key, ""),
+        )
         for key, offset in plan.right.items()
     ]
     return Box(
-        plan.block.path,
+        plan.path,
         level.path,
-        cards.family(type(plan.block)),
+        plan.family,
         plan.title,
         plan.subtitle,
         plan.details,

@@ -21,7 +21,7 @@ def mermaid(drawing: Drawing) -> str:
         block, _, output = source.partition(".")
         if isinstance(target, str):
             other, _, port = target.partition(".")
-            label, end = output if output == port else f"{output} → {port}", names[other]
+            label, end = output if output == port else f"{output} → {port}", names.get(f"{other}=command", names[other])
         else:
             label, end = f"{output} → enabled", frames[target[0]]
         lines.append(f"    {names[block]} {'-.->' if back else '-->'}|{quoted(label)}| {end}")
@@ -51,15 +51,16 @@ def wires(drawing: Drawing) -> Iterator[tuple[str, End, bool]]:
     for line in drawing.lines:
         following.setdefault((line.signal, line.source), []).append(line)
     for line in drawing.lines:
-        if line.source == line.signal:
-            yield from follow(line, following, False)
+        if isinstance(line.source, str):
+            for target, back in follow(line, following, False):
+                yield line.source, target, back
 
 
-def follow(line: Line, following: dict[tuple[str, End], list[Line]], back: bool) -> Iterator[tuple[str, End, bool]]:
-    """Yield (signal, target, whether it is feedback) for each block that a line reaches through pins."""
-    back = back or line.back
+def follow(line: Line, following: dict[tuple[str, End], list[Line]], back: bool) -> Iterator[tuple[End, bool]]:
+    """Yield (target, whether it is feedback) for each block that a line reaches through pins."""
+    back = back or line.loop
     if isinstance(line.target, str) or line.target[1] == "enabled":
-        yield line.signal, line.target, back
+        yield line.target, back
     for further in following.get((line.signal, line.target), ()):
         yield from follow(further, following, back)
 

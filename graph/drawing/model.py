@@ -13,6 +13,7 @@ class Port:
     """End of lines on the edge of a box.
 
     side : "in", on the left, or "out", on the right; note : value of a constant wired to it
+    signal : path of the signal, if it is not that of the port
     """
 
     name: str
@@ -21,18 +22,20 @@ class Port:
     y: float
     note: str = ""
     wrong: bool = False
+    signal: str = ""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A block.
+    """A block, half of an actuator, or a subsystem that is like another.
 
+    path : of the block; with "=command" for that half of an actuator, whose feedback is another box
     subsystem : path of the enclosing frame, "" for none; details : lines of parameters; wrong : its errors
     """
 
     path: str
     subsystem: str
-    family: str  # a key of style.FAMILIES
+    family: str  # a key of style.FAMILIES, or "subsystem"
     title: str
     subtitle: str
     details: tuple[str, ...]
@@ -59,7 +62,11 @@ class Pin:
 
 @dataclass(frozen=True)
 class Frame:
-    """A subsystem. subsystem : path of the enclosing frame; note : its rate and condition, if it has its own"""
+    """A subsystem or a part of it.
+
+    path : "left", or "left=2" of its second part; subsystem : path of the enclosing frame
+    note : its rate and condition, if it has its own; like : whether an earlier frame shows the same
+    """
 
     path: str
     subsystem: str
@@ -70,6 +77,7 @@ class Frame:
     width: float
     height: float
     pins: tuple[Pin, ...]
+    like: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ class Line:
 
     points : ends and corners; the line between two points is horizontal or vertical
     joints : corners at which other lines of the signal branch off
-    back : whether it is feedback, to a block left of its source
+    back : whether its target is left of its source; loop : whether that closes a loop of blocks
     """
 
     signal: str
@@ -88,13 +96,18 @@ class Line:
     points: tuple[Point, ...]
     joints: tuple[Point, ...] = ()
     back: bool = False
+    loop: bool = False
     wide: bool = False  # carries more than one number
     wrong: bool = False
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawing. cards : {path: description of a block}; signals : {path: text on a signal}"""
+    """A drawing.
+
+    cards : {path: description of a block}; signals : {path: text on a signal}
+    elements : {path of a block that selects elements: path of the box that has them as an output}
+    """
 
     name: str
     rate: float
@@ -105,3 +118,4 @@ class Drawing:
     lines: tuple[Line, ...]
     cards: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
     signals: dict[str, str] = field(default_factory=dict[str, str])
+    elements: dict[str, str] = field(default_factory=dict[str, str])

@@ -1,7 +1,7 @@
 // The page around a drawing: pan, zoom, search, fold, and a card for each block. Needs fold.js and card.js; no network, no library.
 
 const data = JSON.parse(document.getElementById("data").textContent);
-const { drawing, cards, families } = data;
+const { drawing, cards, elements, families } = data;
 const canvas = document.getElementById("canvas");
 const scene = document.getElementById("scene");
 const panel = document.getElementById("card");
@@ -11,6 +11,8 @@ const NAMESPACE = "http://www.w3.org/2000/svg";
 const byPath = (list) => new Map(list.map((thing) => [thing.path, thing]));
 const boxes = byPath(drawing.boxes), frames = byPath(drawing.frames);
 const folded = new Set();
+const blockOf = (path) => path?.replace(/=command$/, "");       // of a box
+const boxOf = (path) => elements[path] ?? path;                // of a block
 let view = { x: 0, y: 0, k: 1 };
 let map = { x: (v) => v, y: (v) => v };         // from the drawing to where things lie now,
 let goal = map, moves = 0;                      // and to where they are on their way to
@@ -193,16 +195,16 @@ function reveal(path) {
 // The chosen block
 
 function choose(path, go = false) {
-  if (chosen) find("box", chosen).classList.remove("chosen");
-  chosen = cards[path] ? path : null;
+  if (chosen) find("box", boxOf(chosen)).classList.remove("chosen");
+  chosen = cards[blockOf(path)] ? path : null;
   panel.hidden = !chosen;
   if (!chosen) return history.replaceState(null, "", location.pathname + location.search);
-  reveal(path);
-  find("box", path).classList.add("chosen");
-  panel.replaceChildren(...card(cards[path]));
+  reveal(boxOf(path));
+  find("box", boxOf(path)).classList.add("chosen");
+  panel.replaceChildren(...card(cards[blockOf(path)]));
   panel.scrollTop = 0;
   history.replaceState(null, "", "#" + encodeURIComponent(path));
-  if (go) bring(path);
+  if (go) bring(boxOf(path));
 }
 
 function prepareBoxes() {
@@ -210,7 +212,7 @@ function prepareBoxes() {
     const group = find("box", box.path);
     group.setAttribute("tabindex", "0");
     group.setAttribute("role", "button");
-    group.setAttribute("aria-label", `${cards[box.path].type} ${box.path}`);
+    group.setAttribute("aria-label", `${cards[blockOf(box.path)].type} ${box.path}`);
     group.addEventListener("click", () => dragged || choose(box.path));
     onEnter(group, () => choose(box.path));
   }
@@ -234,9 +236,9 @@ function matches(wanted) {
 
 function searched() {
   const found = matches(search.value);
-  const paths = new Set(found.map((block) => block.path));
+  const paths = new Set(found.map((block) => boxOf(block.path)));
   scene.classList.toggle("searching", search.value.trim() !== "");
-  for (const box of drawing.boxes) find("box", box.path).classList.toggle("match", paths.has(box.path));
+  for (const box of drawing.boxes) find("box", box.path).classList.toggle("match", paths.has(blockOf(box.path)));
   const item = (block) => element("li", { onclick: () => pick(block.path) }, element("b", {}, block.path), ` ${block.type}`);
   results.replaceChildren(...found.slice(0, 12).map(item));
   if (search.value.trim() && !found.length) results.replaceChildren(element("li", { class: "none" }, "no block has that"));
@@ -269,6 +271,10 @@ window.addEventListener("resize", () => view === fitted && fit());
 
 prepareFrames();
 prepareBoxes();
+drawing.frames.filter((frame) => frame.like).forEach((frame) => folded.add(frame.path));
+map = goal = squeeze(drawing, folded, need);
+hideFolded();
+show();
 if (location.hash) choose(decodeURIComponent(location.hash.slice(1)));
 fit();
-if (chosen) bring(chosen);
+if (chosen) bring(boxOf(chosen));

@@ -32,7 +32,7 @@ def page(drawing: Drawing) -> str:
 </head>
 <body>
 <header id="bar">
-<h1>{escape(drawing.name)}<small>{drawing.rate:g} Hz, {len(drawing.boxes)} blocks</small></h1>
+<h1>{escape(drawing.name)}<small>{drawing.rate:g} Hz, {len(drawing.cards)} blocks</small></h1>
 <div id="finder">
 <input id="search" type="search" placeholder="search   /" aria-label="search blocks" autocomplete="off">
 <ul id="results"></ul>
@@ -76,7 +76,8 @@ def data(drawing: Drawing) -> str:
     shape["frames"] = [asdict(item) for item in drawing.frames]
     shape["lines"] = [{"subsystem": item.subsystem, "points": item.points} for item in drawing.lines]
     families = {name: asdict(family) for name, family in FAMILIES.items()}
-    text = json.dumps({"drawing": shape, "cards": drawing.cards, "families": families}, ensure_ascii=False)
+    parts = {"drawing": shape, "cards": drawing.cards, "elements": drawing.elements, "families": families}
+    text = json.dumps(parts, ensure_ascii=False)
     return text.replace("<", "\\u003c")
 
 
@@ -85,5 +86,5 @@ def legend(drawing: Drawing) -> Iterator[str]:
     for name in used(drawing):
         family = FAMILIES[name]
         yield f'<span><i style="--edge: {family.edge}; --head: {family.head}"></i>{family.title}</span>'
-    if any(line.back for line in drawing.lines):
+    if any(line.loop for line in drawing.lines):
         yield f'<span><i class="dashes" style="--edge: {BACK}"></i>{FEEDBACK}</span>'

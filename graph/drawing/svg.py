@@ -57,6 +57,7 @@ def css() -> str:
         f".{name} > .edge {{ stroke: {family.edge}; }} .{name} > .head {{ fill: {family.head}; }}"
         for name, family in FAMILIES.items()
     ]
+    rules.append(f".subsystem > .edge {{ stroke: {FRAME_EDGE}; }} .subsystem > .head {{ fill: {FRAME_HEAD}; }}")
     rules.append(f".wrong > .edge, .line.wrong {{ stroke: {WRONG}; }} .wrong > .edge {{ stroke-width: 2.6; }}")
     rules.append(f".dot.wrong {{ fill: {WRONG}; r: 4px; }}")
     return "\n".join(rules)
@@ -97,7 +98,7 @@ def legend(drawing: Drawing) -> Iterator[str]:
         )
         yield f'<text class="type" x="{number(x + 22)}" y="{number(y + 3.6)}">{FAMILIES[name].title}</text>'
         x += legend_item(FAMILIES[name].title)
-    if any(line.back for line in drawing.lines):
+    if any(line.loop for line in drawing.lines):
         yield f'<path class="line back" d="M{number(x)} {number(y)}h28"/>'
         yield f'<text class="type" x="{number(x + 34)}" y="{number(y + 3.6)}">{FEEDBACK}</text>'
     yield "</g>"
@@ -168,7 +169,7 @@ def nets(drawing: Drawing) -> Iterable[list[Line]]:
 
 def line(item: Line, start: float, drawing: Drawing) -> str:
     """Return the SVG of a line from `start` px on; the part before is shared with a line already drawn."""
-    names = "line" + " back" * item.back + " wide" * item.wide + " wrong" * item.wrong
+    names = "line" + " back" * item.loop + " wide" * item.wide + " wrong" * item.wrong
     data = f'data-signal="{escape(item.signal)}" data-in="{escape(item.subsystem)}"'
     text = escape(drawing.signals.get(item.signal, item.signal))
     return f'<path class="{names}" {data} d="{way(rest(item.points, start), item.joints)}"><title>{text}</title></path>'
@@ -176,7 +177,7 @@ def line(item: Line, start: float, drawing: Drawing) -> str:
 
 def joints(lines: Sequence[Line]) -> str:
     """Return the SVG of the joints where lines of one signal branch."""
-    names = "joint" + " back" * lines[0].back
+    names = "joint" + " back" * lines[0].loop
     data = f'data-signal="{escape(lines[0].signal)}" data-in="{escape(lines[0].subsystem)}"'
     places = sorted({joint for item in lines for joint in item.joints})
     return "".join(f'<circle class="{names}" {data} cx="{number(x)}" cy="{number(y)}" r="2.6"/>' for x, y in places)
@@ -257,8 +258,9 @@ def box(item: Box, drawing: Drawing) -> str:
         names, x = ("port", PADDING) if inward else ("port end", item.width - PADDING)
         note = f' <tspan class="note">{escape(port.note)}</tspan>' if port.note else ""
         parts.append(f'<circle class="dot{" wrong" * port.wrong}" cx="{"0" if inward else w}" cy="{y}" r="2.8"/>')
+        data = f' data-signal="{escape(port.signal)}"' if port.signal else ""
         parts.append(
-            f'<text class="{names}" x="{number(x)}" '
+            f'<text class="{names}"{data} x="{number(x)}" '
             f'y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>'
         )
     for index, text in enumerate(reversed(item.details)):

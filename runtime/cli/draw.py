@@ -11,7 +11,7 @@ from runtime.session.request import Request
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code; raises BadInput if the drawing cannot be made."""
-    parser = Parser("draw", "Draw a diagram from left to right. Feedback is drawn dashed, below.")
+    parser = Parser("draw", "Draw a diagram from left to right. Lines of loops without an actuator are dashed.")
     add_options(parser, Request, "file", "rate", "settings")
     parser.add_argument(
         "-o", "--output", metavar="NAME", help="output file, or - for standard output (default: the diagram's name)"
@@ -23,9 +23,10 @@ def main(arguments: Sequence[str]) -> int:
         "NAME, or svg)",
     )
     parser.add_argument("--all-ports", action="store_true", help="also show unconnected ports")
+    parser.add_argument("--whole", action="store_true", help="show the blocks of both sides of a symmetric robot")
     options = parser.parse_args(arguments)
     lines, remarks = draw_file(
-        options.file, options.settings, options.rate, options.output, options.format, options.all_ports
+        options.file, options.settings, options.rate, options.output, options.format, options.all_ports, options.whole
     )
     print_to_stderr(remarks)
     print_lines(lines)

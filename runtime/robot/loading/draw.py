@@ -28,6 +28,7 @@ def draw_file(
     output: str | None = None,
     form: str | None = None,
     all_ports: bool = False,
+    whole: bool = False,
 ) -> tuple[list[str], list[str]]:
     """Draw a diagram file.
 
@@ -35,6 +36,7 @@ def draw_file(
     output : file to write, "-" for standard output, None for the diagram's name
     form : a key of FORMATS; None for the format of the output's suffix, or svg
     all_ports : whether ports without a connection are drawn
+    whole : whether a subsystem that is like another, such as the right leg, is drawn with its blocks in a picture too
 
     Returns (lines for standard output, remarks for standard error). Raises BadInput.
     """
@@ -42,7 +44,8 @@ def draw_file(
     if rate is not None:
         diagram.rate = rate
     form, target = choose(form, output, diagram.name)
-    drawing = call_code_of_blocks(path, lambda: draw(diagram, all_ports=all_ports, place=place))
+    fold = form in ("svg", "png") and not whole
+    drawing = call_code_of_blocks(path, lambda: draw(diagram, all_ports=all_ports, fold=fold, place=place))
     wrong = sum(len(box.wrong) for box in drawing.boxes)
     remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} lists them"] if wrong else []
     text = {"svg": svg, "png": svg, "mermaid": mermaid, "html": page}[form](drawing)
@@ -53,7 +56,7 @@ def draw_file(
     else:
         _save(target, text.encode())
     size = "" if form in ("mermaid", "html") else f", {drawing.width:.0f} × {drawing.height:.0f} px"
-    return [f"{target}: {count(len(drawing.boxes), 'block')}{size}"], remarks
+    return [f"{target}: {count(len(drawing.cards), 'block')}{size}"], remarks
 
 
 def choose(form: str | None, output: str | None, name: str) -> tuple[str, Path | None]:

@@ -14,10 +14,12 @@ def test_blocks_subsystems_wires_and_feedback():
     lines = mermaid(draw(leg())).splitlines()
     assert lines[0] == "flowchart LR"
     inside = lines[lines.index('    subgraph f0["left"]') : lines.index("    end")]
-    names = {re.search(r'\["(.+?)(<br>.*)?"\]', line)[1]: line.split("[")[0].strip() for line in inside[1:]}
+    boxes = [line for line in inside[1:] if "command" not in line]
+    names = {re.search(r'\["(.+?)(<br>.*)?"\]', line)[1]: line.split("[")[0].strip() for line in boxes}
     assert set(names) == {"knee", "Butterworth", "Impedance", "TorqueLimiter"}
     assert f'    {names["knee"]} -->|"velocity → u"| {names["Butterworth"]}' in lines
-    assert f'    {names["TorqueLimiter"]} -.->|"limited → torque_command"| {names["knee"]}' in lines
+    command = next(line for line in inside if '"knee<br>CubeMars, command"' in line).split("[")[0].strip()
+    assert f'    {names["TorqueLimiter"]} -->|"limited → torque_command"| {command}' in lines
     assert f'    {names["knee"]} -->|"position"| {names["Impedance"]}' in lines
     assert any(line.startswith("    classDef actuator fill:#") for line in lines)
 

@@ -94,6 +94,43 @@ def test_the_line_of_a_vector_is_wide():
     assert {line.signal: line.wide for line in draw(diagram).lines} == {"gyro.rate": True, "norm.y": False}
 
 
+def test_elements_of_a_signal_are_written_at_its_output_instead_of_blocks_that_select_them():
+    with Diagram("d", rate=100) as diagram:
+        gyro = Gyro()()
+        Gain(name="roll")(gyro[0])
+        Gain(name="pitch")(gyro[1])
+        Norm()(gyro[[2, 0, 1]])
+        gyro[::2]
+        CsvRecorder()
+    drawing = draw(diagram)
+    assert [port.name for port in box(drawing, "gyro").ports] == ["rate[0]", "rate[1]", "rate[[2, 0, 1]]", "rate[::2]"]
+    assert {line.source for line in drawing.lines} == {"gyro.rate[0]", "gyro.rate[1]", "gyro.rate[[2, 0, 1]]"}
+    assert not any(other.path.startswith("select") for other in drawing.boxes)
+    assert set(drawing.elements) == {"select", "select_2", "select_3", "select_4"}
+
+
+def test_the_second_leg_is_one_box_with_what_differs():
+    drawing = draw(nested(), fold=True)
+    right = box(drawing, "right")
+    assert (right.title, right.subtitle) == ("right", "as left, but for")
+    assert right.details == ("hip/drive: can_id 3", "knee/drive: can_id 4")
+    assert [port.name for port in right.ports] == ["supervisor/gain.y", "switch.y"]
+    assert "right" not in {frame.path for frame in drawing.frames}
+    assert {frame.path: frame.like for frame in draw(nested()).frames}["right"]
+
+
+@pytest.mark.parametrize("other", [{"frequency": 2.0}, {}])
+def test_a_subsystem_with_another_wire_is_not_like_its_sibling(other):
+    with Diagram("d", rate=100) as diagram:
+        for side in ("left", "right"):
+            with subsystem(side):
+                wave = Sine(name="wave", **(other if side == "right" else {}))()
+                first = Gain(name="first")(wave)
+                Gain(name="second")(first if other or side == "left" else wave)
+        CsvRecorder()
+    assert [box.path for box in draw(diagram, fold=True).boxes if box.family == "subsystem"] == ["right"] * bool(other)
+
+
 def test_a_sink_with_wires_shows_its_labels():
     with Diagram("d", rate=100) as diagram:
         CsvRecorder()(Sine()(), step=StepSource()())

@@ -129,7 +129,7 @@ def test_search_matches_name_type_and_port_and_enter_selects(ask):
         search.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
         return [...found, chosen, search.value];""",
     )
-    assert told[:2] == [["left/knee"], ["left/torque_limiter"]]
+    assert told[:2] == [["left/knee", "left/knee=command"], ["left/torque_limiter"]]
     assert set(told[2]) >= {"left/knee", "left/impedance"} and told[3] == [] and told[4] == []
     assert told[5:] == ["left/impedance", ""]
 
@@ -148,7 +148,7 @@ def test_a_folded_subsystem_hides_its_blocks_and_frees_their_space(ask):
     )
     assert told["folded"]["boxes"] == ["csv_recorder"] and told["folded"]["lines"] == 0
     assert told["folded"]["height"] < 0.6 * told["before"] and told["after"] == told["before"]
-    assert told["boxes"] == 5 and told["lines"] == 5
+    assert told["boxes"] == 6 and told["lines"] == 5
 
 
 @pytest.mark.parametrize("seed", [3, 7, 11])

@@ -72,7 +72,8 @@ export class DiagramView {
     const wires = [...this.svg.querySelectorAll(".line[data-signal]")];
     this.ports = [];
     for (const label of this.svg.querySelectorAll(".box .port.end")) {
-      const path = `${label.closest(".box").dataset.path}.${label.firstChild.textContent.trim()}`, indices = places.get(path);
+      const path = label.dataset.signal ?? `${label.closest(".box").dataset.path}.${label.firstChild.textContent.trim()}`;
+      const indices = places.get(path);
       const value = label.querySelector(".note");
       if (!indices) { value?.remove(); continue; }
       const port = { label, value, indices, lines: wires.filter((line) => line.dataset.signal === path), before: null, low: Infinity, high: -Infinity };

@@ -61,7 +61,7 @@ def test_a_diagram_with_errors_is_drawn_with_a_remark(command_line):
         and out.startswith("a.svg")
         and err == (f"1 error drawn in red: python -m runtime check {KNEE_EXO} lists them\n")
     )
-    assert 'class="box actuator wrong" data-path="left/knee"' in (command_line.folder / "a.svg").read_text()
+    assert 'class="box actuator wrong" data-path="left/knee=command"' in (command_line.folder / "a.svg").read_text()
 
 
 def test_options_show_all_ports_and_another_rate(command_line):
