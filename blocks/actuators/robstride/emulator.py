@@ -49,12 +49,22 @@ class EmulatedRobStride(Emulated, Device):
     )
     ignores = Param((), "1", 'names of parameters whose writes have no effect, as in ("run_mode",)')
 
+    timeout_scale = Param(
+        1.0,
+        "1",
+        "time after which it stops by itself, as a multiple of its canTimeout; inf: it ignores that setting",
+        above=0.0,
+        fixed=True,
+        kernel=False,
+    )
+
     registers = Memory((0.0,) * 64, "values of the parameters 0x7000 to 0x703F")
     defaults = Memory((0.0,) * 64, "values of these parameters after power-on")
     ignored = Memory((0.0,) * 64, "for each parameter, 1 if writes have no effect")
     memory_of_drive = Memory(
-        (0.0,) * 6,
-        "host id, latched faults, reported faults, 1 while reporting, time of the next report, torque constant",
+        (0.0,) * 7,
+        "host id, latched faults, reported faults, 1 while reporting, time of the next report, torque constant, "
+        "timeout_scale",
     )
 
     identity = Memory((0.0,) * 14, "bytes of the unique number and of the firmware version, 1 for a CyberGear")
@@ -86,7 +96,7 @@ class EmulatedRobStride(Emulated, Device):
             running = values | {frames.RUN_MODE: 2.0, frames.SPD_REF: self.left_velocity}
             self.registers = tuple(running.get(0x7000 + place, 0.0) for place in range(64))
             self.state = (1.0, *tuple(self.state)[1:])
-        self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant)
+        self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant, self.timeout_scale)
 
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))
 

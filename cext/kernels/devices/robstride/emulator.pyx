@@ -28,6 +28,7 @@ cdef enum: # in `memory_of_drive`
     REPORTING                   # whether it reports periodically
     NEXT_REPORT                 # s
     TORQUE_CONSTANT             # N·m/A at the motor
+    TIMEOUT_SCALE               # of the canTimeout
 
 cdef enum: # parameters
     RUN_MODE = 0x05, IQ_REF, SPD_REF = 0x0A, LIMIT_TORQUE, LOC_REF = 0x16, LIMIT_SPD, LIMIT_CUR, MECH_POS, IQF,
@@ -77,7 +78,7 @@ cdef struct RobStride:
 
 ROB_STRIDE = items(
     (<RobStride *>ITEMS)[0],
-    drive_sizes() + " registers[64] defaults[64] memory_of_drive[6] ignored[64] identity[14]")
+    drive_sizes() + " registers[64] defaults[64] memory_of_drive[7] ignored[64] identity[14]")
 
 
 cdef double motor_torque(double *arena, const RobStride *at) noexcept nogil:
@@ -274,7 +275,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
     cdef double *registers = arena + at.registers
     cdef double *memory = arena + at.memory_of_drive
     cdef double fault = arena[at.drive.fault]
-    cdef double timeout = registers[CAN_TIMEOUT] / 20000.0
+    cdef double timeout = registers[CAN_TIMEOUT] / 20000.0 * memory[TIMEOUT_SCALE]
     look(arena, &at.drive)
     if arena[at.drive.power_lost] != 0.0:
         forget(arena, &at.drive)

@@ -39,6 +39,8 @@ SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
 RATE = 200.0  # Hz
 REPLY_TIMEOUT = 0.3  # s without a reply that ends a run; its torque is small, and computers on benches are slow
 SILENCE = 0.4  # s without frames, for a drive without a declared time-out
+LATE, LATER = 0.1, 0.5  # s beyond a declared time-out: a drive that acts by then is on time; that acts at all
+FALL = 0.5  # periods of the lever / 2π, in which it shows that it has fallen
 FALLEN_SHARE = 0.3  # of the deflection
 AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
 STOPPED = "has stopped by itself"
@@ -86,11 +88,12 @@ class LeverProbe(Probe):
     def configure(self) -> None:
         self.allowance = self.silence + 0.1 if self.silence else 0.0
         self.ends = [REST_TIME, REST_TIME + GROWTH_TIME, REST_TIME + GROWTH_TIME + HOLD_TIME]
+        self.side_time = self.ends[2] + self.silence + REST_TIME  # s, of one direction
 
     @property
     def duration(self) -> float:
         """Duration in s."""
-        return (1 if self.silence else 2) * (self.ends[2] + REST_TIME)
+        return (1 if self.silence else 2) * self.side_time
 
     def sides(self) -> dict[str, list[tuple[Any, ...]]]:
         """Return the rows of each direction, {"+" or "-": rows}."""
@@ -100,7 +103,7 @@ class LeverProbe(Probe):
         self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
 
     def step(self, position, velocity, reported, t):
-        phase, local = divmod(t, self.ends[2] + REST_TIME)
+        phase, local = divmod(t, self.side_time)
         sign = 1.0 if phase == 0.0 else -1.0
         rest = sum(self.rest) / len(self.rest) if self.rest else position
         deflection = position - rest
@@ -173,33 +176,46 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
     lever = lever_of(block, given)
     if lever is None:
         return Result([NO_LEVER], done=False)
-    own = block.own_timeout
-    seconds = SILENCE if own is None else 2.0 * own + 0.2
-    probe, run = drive(bench, block, lever, seconds)
-    result = Result(measured={"silence": seconds})
-    by_itself = STOPPED in " ".join([*run.report, str(run.outcome.error or "")])
-    held = [row for row in probe.rows if row[0] == "held"]
-    after = [row for row in probe.rows if row[0] == "after"]
-    if not by_itself and not after:
-        return failed(result, block, run)
-    stopped = by_itself
-    if not by_itself:
-        angle, frequency = held[0][1], math.sqrt(GRAVITY / lever.length)
-        furthest = max(math.hypot(row[1] - angle, row[4] / frequency) for row in after)
-        stopped = furthest > FALLEN_SHARE * abs(angle)
-    result.measured["stopped"] = float(stopped)
-    result.says.append(
-        f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
-    )
-    if own is not None and not stopped:
+    own, fall = block.own_timeout, FALL / math.sqrt(GRAVITY / lever.length)
+    result, silences = Result(), (SILENCE,) if own is None else (own + LATE + fall, 4.0 * own + LATER)
+    for seconds in silences:
+        probe, run = drive(bench, block, lever, seconds)
+        stopped = has_stopped(probe, run, lever)
+        if stopped is None:
+            return failed(result, block, run)
+        result.measured |= {"silence": seconds, "stopped": float(stopped)}
+        result.says.append(
+            f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
+        )
+        if stopped:
+            break
+    if own is None and not stopped:
+        result.says.append("it has no time-out, or a longer one: if computer and cable fail, it does not stop")
+    elif own is not None and not stopped:
         result.find(
             "no time-out",
             f"the drive held its torque for {seconds:.2f} s without frames, and its time-out is set to {own:g} s: rely "
             "on the guardian alone, or update the firmware",
         )
-    elif own is None and not stopped:
-        result.says.append("it has no time-out, or a longer one: if computer and cable fail, it does not stop")
+    elif seconds != silences[0]:
+        result.find(
+            "late time-out",
+            f"the drive stopped by itself between {silences[0]:.2f} s and {seconds:.2f} s without frames, and its "
+            f"time-out is set to {own:g} s: rely on the guardian alone, or update the firmware",
+        )
     return result
+
+
+def has_stopped(probe: LeverProbe, run: RunResult, lever: Lever) -> bool | None:
+    """Return whether a drive has stopped by itself in a silence. None: the run ended before it was over."""
+    if STOPPED in " ".join([*run.report, str(run.outcome.error or "")]):
+        return True
+    held = [row for row in probe.rows if row[0] == "held"]
+    after = [row for row in probe.rows if row[0] == "after"]
+    if not after:
+        return None
+    angle, frequency = held[0][1], math.sqrt(GRAVITY / lever.length)
+    return max(math.hypot(row[1] - angle, row[4] / frequency) for row in after) > FALLEN_SHARE * abs(angle)
 
 
 def failed(result: Result, block: Any, run: RunResult) -> Result:

@@ -139,6 +139,8 @@ OTHERS = {
 TORQUE = {
     "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
     "timeless": (("RobStride", "RS02", 6, {"ignores": ("canTimeout",)}, {}), "setting not kept"),
+    "deaf": (("RobStride", "RS02", 7, {"timeout_scale": 1e9}, {}), "no time-out"),
+    "late": (("RobStride", "RS02", 8, {"timeout_scale": 3.5}, {}), "late time-out"),
 }
 HEALTHY = {
     "mit": (("CubeMars", "AK80-9", 1, {}, {}), None),
