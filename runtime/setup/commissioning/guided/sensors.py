@@ -26,6 +26,7 @@ REST_TIME, BEND_TIME, RETURN_TIME = 2.0, 6.0, 6.0  # s
 POSE_TIME = 0.5  # s at the beginning and the end of a motion, in which the segment is held
 BENT = 0.35  # rad, smallest turn of a segment that was bent
 AXES_TOLERANCE = 0.25  # rad, between the specific force and where the angular rate has carried it
+SCALES = (0.5, 2.0, 0.25, 4.0, 0.125, 8.0)  # between full scales of one sensor
 LOOSE = 0.07  # rad, between the specific force before and after a segment was bent and returned
 SENSOR_TIMEOUT = 1.0  # s without a sample that ends a reading
 
@@ -151,14 +152,22 @@ def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Resul
             return Result(["no sensor has turned: repeat this step with --again bend"], result.measured, done=False)
         result.find("exchanged", f"{' and '.join(others)} turned instead: exchange the serial numbers or addresses")
         return result
-    error = between(carried(out[path]), pose(out[path], -1))
+    last = pose(out[path], -1)
+    error = between(carried(out[path]), last)
     shift = between(pose(out[path], 0), pose(back[path], -1))
     result.measured |= {"axes_error": error, "shift": shift}
     result.says.append(
         f"the angular rate explains the turn within {math.degrees(error):.1f}°; {math.degrees(shift):.1f}° away after "
         "the return"
     )
-    if error > AXES_TOLERANCE:
+    factors = [factor for factor in SCALES if between(carried(out[path], factor), last) < AXES_TOLERANCE]
+    if error > AXES_TOLERANCE and factors:
+        result.find(
+            "scale of the sensor",
+            f"the angular rate agrees with the specific force only if it is multiplied by {factors[0]:g}: check its "
+            "full scale",
+        )
+    elif error > AXES_TOLERANCE:
         result.find(
             "axes",
             f"the angular rate and the specific force differ by {math.degrees(error):.0f}° after the turn: exchanged "
@@ -185,11 +194,11 @@ def between(first: np.ndarray, second: np.ndarray) -> float:
     return math.acos(max(-1.0, min(1.0, float(first @ second) / lengths))) if lengths else 0.0
 
 
-def carried(motion: Motion) -> np.ndarray:
-    """Return the first specific force, carried by the angular rate to the last pose: f' = -ω × f."""
+def carried(motion: Motion, factor: float = 1.0) -> np.ndarray:
+    """Return the first specific force, carried by the angular rate to the last pose: f' = -ω × f. factor : of ω"""
     force, bias = pose(motion, 0), motion.gyro[motion.time <= motion.time[0] + POSE_TIME].mean(axis=0)
     for step, rate in zip(np.diff(motion.time), motion.gyro[1:] - bias):
-        turn = -rate * step
+        turn = -factor * rate * step
         angle = float(np.linalg.norm(turn))
         if angle > 0.0:
             axis = turn / angle

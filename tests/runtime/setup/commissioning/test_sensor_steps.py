@@ -1,4 +1,4 @@
-"""The steps of `commission` for inertial sensors: two OpenIMUs on a real bus, and what a hand does with them."""
+"""The steps of `commission` for inertial sensors: two of each family, and what a hand does with them."""
 
 import json
 import os
@@ -89,10 +89,11 @@ EXCHANGED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         ({"left": motion(), "right": motion(bent)}, {"left": motion(), "right": motion(returned)}, "exchanged"),
         ({"left": motion(bent, mix=-np.eye(3))}, {"left": motion(returned)}, "axes"),
         ({"left": motion(bent, mix=EXCHANGED)}, {"left": motion(returned)}, "axes"),
+        ({"left": motion(bent, mix=2.0 * np.eye(3))}, {"left": motion(returned)}, "scale of the sensor"),
         ({"left": motion(bent)}, {"left": motion(lambda t: returned(t, end=0.15))}, "loose sensor"),
         ({}, {}, "silent"),
     ],
-    ids=["exchanged", "negated", "axes", "loose", "absent"],
+    ids=["exchanged", "negated", "axes", "scale", "loose", "absent"],
 )
 def test_each_fault_of_a_sensor_is_named_when_its_segment_is_bent(out, back, finding):
     assert [name for name, _ in sensors.bend_of("left", out, back).findings] == [finding]
@@ -105,15 +106,17 @@ def test_where_no_sensor_has_turned_nothing_is_claimed():
 
 ROBOT = '''
 import json, math
-from blocks.imus import OpenImu
+from blocks.imus import *
 from blocks.imus.openimu.emulator import EmulatedOpenImu
-from graph import Block, Diagram, Output
+from graph import Block, Diagram, Output, Param
 
-FOLDER, MOVED = {folder!r}, {moved!r}
+FOLDER, MOVED, FAULTS = {folder!r}, {moved!r}, {faults!r}
 
 
 class Segment(Block):
-    """Segment that a hand bends about the sensor's y axis."""
+    """Segment that a hand bends about the sensor's y axis. about : axis of the angular rate that its sensor reports"""
+
+    about = Param(1, "1")
 
     accel = Output("m/s²", shape=(3,))
     gyro = Output("rad/s", shape=(3,))
@@ -122,7 +125,9 @@ class Segment(Block):
         self.at, self.speed, self.target = 0.0, 0.0, 0.0
 
     def step(self):
-        return (9.81 * math.sin(self.at), 0.0, -9.81 * math.cos(self.at)), (0.0, self.speed, 0.0)
+        rate = [0.0, 0.0, 0.0]
+        rate[self.about] = self.speed
+        return (9.81 * math.sin(self.at), 0.0, -9.81 * math.cos(self.at)), tuple(rate)
 
     def update(self, tick):
         if tick % 20 == 0:
@@ -138,27 +143,49 @@ class Segment(Block):
 def build():
     with Diagram("legs", rate=200) as diagram:
         for address, name in enumerate(MOVED, 128):
-            OpenImu(bus="imus", address=address, name=name)
+            {block}
     return diagram
 
 
 def plant(robot):
     with Diagram("legs_plant", rate=1000) as plant:
         for name, moved in MOVED.items():
-            segment = Segment(name=moved)
-            EmulatedOpenImu.of(robot[name], name="imu_" + name)(accel=segment.accel, gyro=segment.gyro)
+            faults = dict(FAULTS.get(name, {{}}))
+            segment = Segment(name=moved, about=faults.pop("about", 1))
+            {emulator}.of(robot[name], name="imu_" + name, **faults)(accel=segment.accel, gyro=segment.gyro)
     return plant
 '''
 
 
+CAN = '[bus.imus]\ninterface = "udp_multicast"\nchannel = "{channel}"\nbitrate = 250_000\n'
+I2C = '[bus.imus]\ninterface = "i2c"\nchannel = "unix:{folder}/chips"\n'
+KINDS = {  # block, class of its emulator, rig
+    "OpenIMU": ('OpenImu(bus="imus", address=address, name=name)', "EmulatedOpenImu", CAN),
+    "MicroStrain": ("MicroStrain(serial=str(address), name=name)", "EmulatedMicroStrain", ""),
+    "MPU-9250": ('MPU9250("imus", 0x68 + address - 128, magnetometer=False, name=name)', "EmulatedMPU9250", I2C),
+}
+HELD, EXCHANGED_SIDES = {"left": "left", "right": "right"}, {"left": "right", "right": "left"}
+CASES = [  # kind, segment of each sensor, faults of the left one, finding on it; the right one is healthy if worn right
+    ("OpenIMU", HELD, {}, None),
+    ("OpenIMU", EXCHANGED_SIDES, {}, "exchanged"),
+    ("MicroStrain", HELD, {"about": 0}, "axes"),
+    ("MicroStrain", EXCHANGED_SIDES, {}, "exchanged"),
+    ("MPU-9250", HELD, {"accel_range": 16}, "scale of the sensor"),
+    ("MPU-9250", HELD, {"gyro_range": 500}, "scale of the sensor"),
+    ("MPU-9250", EXCHANGED_SIDES, {}, "exchanged"),
+]
+
+
 @pytest.mark.soak
 @pytest.mark.paced
-@pytest.mark.parametrize("moved", [{"left": "left", "right": "right"}, {"left": "right", "right": "left"}])
-def test_sensors_on_a_bus_are_commissioned_and_exchanged_ones_named(tmp_path, moved):
-    robot = write(tmp_path, ROBOT.format(folder=str(tmp_path), moved=moved))
-    bus = f'[bus.imus]\ninterface = "udp_multicast"\nchannel = "{channel(133)}"\nbitrate = 250_000\n'
-    rig = write(tmp_path, bus, "lab.toml")
-    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+@pytest.mark.parametrize("kind, moved, faults, finding", CASES, ids=lambda value: str(value)[:24])
+def test_sensors_are_commissioned_and_each_fault_is_named(tmp_path, monkeypatch, kind, moved, faults, finding):
+    monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "ports" / "tty*"))
+    block, emulator, rig = KINDS[kind]
+    given = {"folder": str(tmp_path), "moved": moved, "faults": {"left": faults}}
+    robot = write(tmp_path, ROBOT.format(block=block, emulator=emulator, **given))
+    rig = write(tmp_path, rig.format(channel=channel(133), folder=tmp_path), "lab.toml")
+    plant = started("emulate", robot, "--rig", rig, "--lines", tmp_path / "ports", cwd=tmp_path)
 
     def hold(**angles):
         (tmp_path / "hand.new").write_text(json.dumps(angles))
@@ -189,11 +216,11 @@ def test_sensors_on_a_bus_are_commissioned_and_exchanged_ones_named(tmp_path, mo
                 time.sleep(0.02)
             text += terminal.look()
         records = records_of(rig)
-        wanted = [] if moved["left"] == "left" else ["exchanged"]
-        assert terminal.process.returncode == bool(wanted), text
-        assert {path: [name for name, _ in each.findings] for path, each in records.items()} == dict.fromkeys(
-            moved, wanted
-        ), text
+        wanted = {"left": [finding] if finding else [], "right": ["exchanged"] if moved is EXCHANGED_SIDES else []}
+        assert terminal.process.returncode == bool(finding), text
+        assert {path: [name for name, _ in each.findings] for path, each in records.items()} == wanted, text
+        if kind == "MicroStrain":
+            assert records["right"].serial == "6253.129" and records["right"].firmware == "1.1.6"
     finally:
         plant.kill()
         plant.communicate()
