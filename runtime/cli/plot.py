@@ -27,6 +27,8 @@ examples:
   plot trial.mcap                one picture per subsystem, one plot per unit
   plot trial.mcap left/knee      all signals of a block or subsystem
   plot trial.mcap left/knee.position left/knee.torque
+  plot without.mcap assisted.mcap left/knee.torque
+                                 trials over each other in time
   plot trial.mcap --strides      angle, torque and power over the gait cycle
   plot trial.mcap --strides left/knee.torque -o torque.svg
   plot trial.mcap --strides --width 85mm -o figure.pdf
@@ -50,7 +52,7 @@ def main(arguments: Sequence[str]) -> int:
         nargs="*",
         metavar="SIGNAL",
         help="signal, block or subsystem: left/knee.position, left/knee, left (default: one picture per subsystem); "
-        "with --strides also further recordings, each a condition in the same picture",
+        "or further recordings, which are drawn over the first",
     )
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
     selection.add(parser)
@@ -70,10 +72,8 @@ def main(arguments: Sequence[str]) -> int:
     if options.width and not options.strides:
         raise BadInput("--width needs --strides")
     drawing.check(options.output)
-    recordings = [options.recording]
-    if options.strides:
-        recordings += [newest(word) for word in options.signals if is_recording(word)]
-        options.signals = [word for word in options.signals if not is_recording(word)]
+    recordings = [options.recording, *(newest(word) for word in options.signals if is_recording(word))]
+    options.signals = [word for word in options.signals if not is_recording(word)]
     with Progress(f"drawing {options.recording.name}") as progress:
         share = 0.5 / len(recordings)
         trials = [read(path, progress, number * share, (number + 1) * share) for number, path in enumerate(recordings)]
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
             if options.strides:
                 drawn = pictures.over_strides(selection.conditions_of(trials, options), options.signals, options.width)
             else:
-                drawn = pictures.over_time(trials[0], only_signals(options.signals))
+                drawn = pictures.over_time(trials, options.signals)
             for number, (name, draw) in enumerate(drawn.items()):
                 path = write(options, name if len(drawn) > 1 or options.output is None else "", draw)
                 progress(0.5 + 0.5 * (number + 1) / len(drawn))
@@ -104,16 +104,6 @@ def length(text: str) -> float:
 def is_recording(word: str) -> bool:
     """Return whether an argument is the path of a recording, or of a folder with recordings, rather than a signal."""
     return newest(word).suffix == ".mcap"
-
-
-def only_signals(names: Sequence[str]) -> Sequence[str]:
-    """Return the names of signals. Raises BadInput for a recording among them."""
-    if others := [name for name in names if is_recording(name)]:
-        raise BadInput(
-            f"{others[0]}: over time, plot takes one recording and its signals; --strides compares several over the "
-            "gait cycle, and `diff` two of them tick by tick"
-        )
-    return names
 
 
 def write(options: Namespace, name: str, draw: Callable[..., Any]) -> str:

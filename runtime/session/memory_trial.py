@@ -13,7 +13,7 @@ from graph.store import to_json
 from runtime.host.errors import BadInput
 from runtime.record.analysis.trial import Trial
 from runtime.record.recorder.report import ending
-from runtime.session.recording_plan import limits
+from runtime.session.recording_plan import limits, states
 
 if TYPE_CHECKING:
     from runtime.session.result import Result
@@ -63,6 +63,7 @@ def about(result: Result) -> dict[str, Any]:
         "buses": schedule.buses,
         "part": 1,
         "limits": {path: list(ends) for path, ends in limits(result.diagram, schedule).items()},
+        "states": states(result.diagram),
         "metadata": {
             "diagram_file": str(request.file),
             "source_sha256": result.source_sha256,

@@ -75,7 +75,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
     """Return the plan of the recorder, as plain data that JSON can hold."""
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
     records = records_files(prepared)
-    labels = {f"{block.path}.state": block.names for block in prepared.diagram if isinstance(block, StateMachine)}
+    labels = states(prepared.diagram)
     sinks: list[PlanSink] = [
         {
             "service": sink.block.service,
@@ -99,6 +99,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "simulated": prepared.plant is not None,
         "signals": [asdict(column) for column in schedule.recorded],
         "limits": limits(prepared.diagram, schedule),
+        "states": labels,
         "hot": {
             f"{block.path}.temperature": block.fault_temperature
             for block in prepared.diagram
@@ -160,19 +161,31 @@ def drawn(diagram: Diagram) -> str:
 
 
 def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float]]:
-    """Return {path: (lowest, highest)} of the signals of actuators that a limit or a joint's range bounds."""
+    """Return {path: (lowest, highest)} of the signals of actuators that a limit or a joint's range bounds.
+
+    The limit of a torque is the proved range of its command, and the limit of the drive where that proves nothing.
+    """
     ranges = {}
+    proved = {proof.path: proof for proof in schedule.proofs if proof.port == "torque_command" and proof.holds}
     for actuator in (block for block in diagram if isinstance(block, Actuator)):
         torque = actuator.command_limits().get("torque_command")
         bound = schedule.torque_bounds.get(actuator.path)
         if torque is not None:
             if bound is not None and bound.limit is not None:
                 torque &= Interval(-bound.limit, bound.limit)
+            if bound is not None and bound.kind == "proved" and actuator.path in proved:
+                command = proved[actuator.path].interval
+                torque = command if command.low < command.high else torque
             ranges |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
         if span := getattr(actuator, "range", ()):
             ranges[f"{actuator.path}.position"] = tuple(span)
     known = {column.path for column in schedule.recorded}
     return {path: ends for path, ends in ranges.items() if path in known and all(map(math.isfinite, ends))}
+
+
+def states(diagram: Diagram) -> dict[str, list[str]]:
+    """Return {path of the state of a StateMachine: names of its states}."""
+    return {f"{block.path}.state": list(block.names) for block in diagram if isinstance(block, StateMachine)}
 
 
 def phases(diagram: Diagram) -> dict[str, str]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runtime.record.analysis.conditions import trial_labels
 from runtime.record.storage.grouping import PLAIN
 
 if TYPE_CHECKING:
@@ -17,18 +19,20 @@ if TYPE_CHECKING:
 
 
 TABLE_ROW_LIMIT = 20
-PLOT_SIGNAL_LIMIT = 6
+PLOT_LIMIT, CURVE_LIMIT = 6, 3  # plots, and signals in one
+DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)))  # of the signals in a plot
 WINDOW = 4.0  # s of the plot, around the largest difference
 
 
 def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str]:
     """Return the lines of a table of the differences, at most TABLE_ROW_LIMIT."""
-    lines = [f"{here.path.name} and {there.path.name}: {comparison.ticks} ticks in both"]
+    first, second = labels = trial_labels([here, there])
+    lines = [f"{first} and {second}: {comparison.ticks} ticks in both"]
     if any(comparison.missing):
-        lines.append(f"  {comparison.missing[0]} ticks only in the first, {comparison.missing[1]} only in the second")
-    for label, paths in (("first", comparison.only_here), ("second", comparison.only_there)):
+        lines.append(f"  {comparison.missing[0]} ticks only in {first}, {comparison.missing[1]} only in {second}")
+    for label, paths in zip(labels, (comparison.only_here, comparison.only_there)):
         if paths:
-            lines.append(f"  only in the {label}: {', '.join(paths)}")
+            lines.append(f"  only in {label}: {', '.join(paths)}")
     if not comparison.differences and not comparison.same:
         return [*lines, "  no signal is in both"]
     if not comparison.differences:
@@ -45,48 +49,74 @@ def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str
 
 
 def rank(comparison: Comparison) -> list[Difference]:
-    """Return the differences, the earliest first, then the largest."""
-    return sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
+    """Return the differences by block, the block of the earliest first, and of each by unit, then the largest."""
+    earliest = sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
+    places: dict[tuple[str, ...], int] = {}
+    for place, d in enumerate(earliest):
+        places.setdefault((block_of(d),), place)
+        places.setdefault((block_of(d), d.unit), place)
+    return sorted(earliest, key=lambda d: (places[block_of(d),], places[block_of(d), d.unit]))
+
+
+def block_of(difference: Difference) -> str:
+    """Return the path of the block of a difference."""
+    return difference.path.rpartition(".")[0]
+
+
+def plots_of(comparison: Comparison) -> list[list[Difference]]:
+    """Return the differences of each plot: those of one block and unit, of at most PLOT_LIMIT plots."""
+    grouped = [list(group) for _, group in groupby(rank(comparison), key=lambda d: (block_of(d), d.unit))]
+    return [group[first : first + CURVE_LIMIT] for group in grouped for first in range(0, len(group), CURVE_LIMIT)][
+        :PLOT_LIMIT
+    ]
 
 
 def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, comparison: Comparison) -> None:
-    """Plot the first signals that differ: both around their largest difference, and the difference over time.
+    """Plot the signals that differ, by block and unit: both around their largest difference, and the difference.
 
     file : open for writing bytes; kind : "png", "svg" or "pdf"
     """
+    from matplotlib.lines import Line2D
+
     from runtime.record.analysis import picture
-    from runtime.record.analysis.picture import broken, drawable, plain
+    from runtime.record.analysis.picture import BLUE, COLOURS, FAINT, INK, ORANGE, broken, drawable, plain
 
     ticks, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
-    shown_first = rank(comparison)[:PLOT_SIGNAL_LIMIT]
-    figure = picture.figure(12.0, 1.2 + 1.8 * len(shown_first), dpi=120)
-    rows = figure.subplots(len(shown_first), 2, squeeze=False, width_ratios=(3, 2))
-    for (near, far), d in zip(rows, shown_first):
-        every = math.lcm(here.every(d.path), there.every(d.path))
-        both = ticks % every == 0
-        time = here.time[mine[both]]
-        a, b = here.column(d.path)[mine[both]].astype(float), there.column(d.path)[others[both]].astype(float)
-        with np.errstate(invalid="ignore", over="ignore"):
-            difference = b - a
-        centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
-        shown = np.abs(time - centre) <= WINDOW / 2
-
-        def line(values: np.ndarray, part: np.ndarray | slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
-            return broken(ticks[both][part], time[part], drawable(values)[part], every)  # noqa: B023
-
-        near.plot(*line(a, shown), color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
-        near.plot(*line(b, shown), color="#c8452c", linewidth=1.1, label=plain(there.path.name))
-        far.plot(*line(difference), color="#c8452c", linewidth=0.8)
-        far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
-        near.set_title(plain(d.path), loc="left", fontsize=9)
-        near.set_ylabel("" if d.unit in PLAIN else d.unit)
-        far.set_title(f"difference, from tick {d.first} on", loc="left", fontsize=9)
+    plots = plots_of(comparison)
+    figure = picture.figure(12.0, 1.2 + 1.8 * len(plots), dpi=120)
+    rows = figure.subplots(len(plots), 2, squeeze=False, width_ratios=(3, 2))
+    first, second = map(plain, trial_labels([here, there]))
+    for (near, far), group in zip(rows, plots):
+        centre = None
+        for d, dash, colour in zip(group, DASHES, COLOURS[2:]):
+            every = math.lcm(here.every(d.path), there.every(d.path))
+            both = ticks % every == 0
+            time = here.time[mine[both]]
+            a, b = here.column(d.path)[mine[both]].astype(float), there.column(d.path)[others[both]].astype(float)
+            with np.errstate(invalid="ignore", over="ignore"):
+                difference = b - a
+            if centre is None:  # of the first, which the others share
+                centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
+                far.axvspan(
+                    max(time[0], centre - WINDOW / 2), min(time[-1], centre + WINDOW / 2), color=FAINT, zorder=0
+                )
+            shown = np.abs(time - centre) <= WINDOW / 2
+            for values, tint in ((a, BLUE), (b, ORANGE)):
+                line = broken(ticks[both][shown], time[shown], drawable(values)[shown], every)
+                near.plot(*line, color=tint, linestyle=dash, linewidth=1.2)
+            line = broken(ticks[both], time, drawable(difference), every)
+            far.plot(*line, color=colour, linestyle=dash, linewidth=1.0)
+        names = [Line2D([], [], color=INK, linestyle=dash, label=plain(d.path)) for d, dash in zip(group, DASHES)]
+        options = {"frameon": False, "fontsize": 8, "labelcolor": INK, "borderaxespad": 0.0}
+        near.legend(handles=names, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(group), **options)
+        far.set_title(f"difference, from tick {min(d.first for d in group)} on", loc="left", fontsize=8, color=INK)
+        near.set_ylabel("" if group[0].unit in PLAIN else f"[{group[0].unit}]", color=INK)
         for axis in (near, far):
-            axis.spines[["top", "right"]].set_visible(False)
-            axis.tick_params(labelsize=8)
+            picture.frame(axis)
+            axis.tick_params(colors=INK, labelsize=8.5, length=3)
     for axis in rows[-1]:
-        axis.set_xlabel("time [s]")
-    figure.legend(
-        *rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
-    )
+        axis.set_xlabel("time [s]", color=INK)
+    figure.align_ylabels(rows[:, 0])
+    conditions = [Line2D([], [], color=BLUE, label=first), Line2D([], [], color=ORANGE, label=second)]
+    figure.legend(handles=conditions, loc="outside upper right", ncols=2, frameon=False, fontsize=9, labelcolor=INK)
     picture.save(figure, file, kind)

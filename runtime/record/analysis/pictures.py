@@ -84,24 +84,33 @@ def in_base64(draw: Draw) -> str:
     return base64.b64encode(file.getvalue()).decode()
 
 
-def over_time(trial: TrialData, names: Sequence[str] = ()) -> dict[str, Draw]:
+def over_time(trials: Sequence[TrialData], names: Sequence[str] = ()) -> dict[str, Draw]:
     """Return {title: function that draws} of signals over time.
 
-    names : signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+    trials : one, or several to be drawn over each other, a plot for each signal
+    names : signals, blocks or subsystems, in one picture; by default a picture for each subsystem, and of several
+        trials the angle and the torque of each actuator
 
     Raises KeyError, or BadInput for a trial without ticks.
     """
     need("matplotlib.figure", "a picture")
     from runtime.record.analysis import plots
+    from runtime.record.analysis.conditions import trial_labels
 
-    if not len(trial):
-        raise BadInput(f"{trial.path} contains no ticks")
+    for trial in trials:
+        if not len(trial):
+            raise BadInput(f"{trial.path} contains no ticks")
+    trial, heading = trials[0], trials[0].path.stem
+    labelled = dict(zip(trial_labels(trials), trials))
+    if len(trials) > 1:
+        rows = plots.rows_over_each_other(trials, names)
+        return {"plot": partial(plots.over_time, labelled, rows, " over ".join(labelled))}
     if names:
-        return {"plot": partial(plots.over_time, trial, plots.rows_of(trial, names), trial.path.stem)}
+        return {"plot": partial(plots.over_time, labelled, plots.rows_of(trial, names), heading)}
     figures = {}
     for title, (rows, share) in plots.overview(trial).items():
-        heading = f"{trial.path.stem}: {title}" + f", {share}" * bool(share)
-        figures[title] = partial(plots.over_time, trial, rows, heading, subsystem=title)
+        text = f"{heading}: {title}" + f", {share}" * bool(share)
+        figures[title] = partial(plots.over_time, labelled, rows, text, subsystem=title)
     return figures
 
 

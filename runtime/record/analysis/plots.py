@@ -18,7 +18,7 @@ from runtime.record.storage.grouping import CURVES, PLAIN, by_unit
 from runtime.record.storage.messages import split
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from typing import BinaryIO
 
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PLOT_LIMIT = 100  # plots of a figure
 # of texts above the plots: number of levels, and width of a letter as a fraction of the plot
 LEVELS, CHARACTER = 3, 0.0085
-NAME_LIMIT = 44  # characters beside a plot
+NAME_LIMIT, STATE_NAME_LIMIT = 44, 14  # characters beside a plot
 FULL_SIZE_NAMES = 9  # names beside a plot in full size
 CURVE_COLOURS = (*COLOURS, "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
@@ -46,8 +46,14 @@ def overview(trial: TrialData) -> dict[str, tuple[list[list[str]], str]]:
     signals = [trial.row_of(path) | {"path": path} for path in trial.names]
     figures = {}
     for title, plots in by_unit(name, signals).items():
-        rows = [[element for path in paths for element in elements(trial, path)][:CURVES] for _, paths in plots]
-        drawn, known = sum(map(len, rows)), sum((split(path)[0] or name) == title for path in trial.signals)
+        own = [path for path in trial.signals if (split(path)[0] or name) == title]
+        states = [path for path in own if states_of(trial, path)]
+        rows = [
+            [element for path in paths if path not in states for element in elements(trial, path)][:CURVES]
+            for _, paths in plots
+        ]
+        rows = [row for row in rows if row] + [[path] for path in states]  # which no limit leaves out
+        drawn, known = sum(map(len, rows)), len(own)
         figures[title] = rows, f"{drawn} of {known} signals" if drawn < known else ""
     return figures
 
@@ -62,13 +68,44 @@ def rows_of(trial: TrialData, paths: Iterable[str]) -> list[list[str]]:
     kinds = {}
     for path in paths:
         for signal in signals_of(trial, path):
-            kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(
-                dict.fromkeys(elements(trial, signal))
-            )
+            kind = trial.dtype(signal) != "float", trial.unit(signal), states_of(trial, signal)
+            kinds.setdefault(kind, {}).update(dict.fromkeys(elements(trial, signal)))
     rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
     if len(rows) > PLOT_LIMIT:
         raise BadInput(f"{sum(map(len, rows))} signals need {len(rows)} plots, more than {PLOT_LIMIT}: select fewer")
     return rows
+
+
+def rows_over_each_other(trials: Sequence[TrialData], paths: Iterable[str]) -> list[list[str]]:
+    """Return the rows of several trials: a plot for each signal, by default of the angle and torque of each actuator.
+
+    paths : paths of signals, blocks or subsystems
+
+    Raises KeyError or BadInput.
+    """
+    if len(trials) > len(COLOURS):
+        raise BadInput(
+            f"{len(trials)} recordings: at most {len(COLOURS)} can be distinguished in one picture. Pass fewer"
+        )
+    first = trials[0]
+    paths = list(paths) or [
+        f"{path.removesuffix('.torque')}.{port}"
+        for path in first.signals
+        if path.endswith(".torque") and f"{path.removesuffix('.torque')}.position" in first.signals
+        for port in ("position", "torque")
+    ]
+    if not paths:
+        raise BadInput(f"{first.path.name} has no actuator: name the signals to be drawn over each other")
+    found = [element for path in paths for element in alone(first, path)]
+    if len(found) > PLOT_LIMIT:
+        raise BadInput(f"{len(found)} signals need as many plots, more than {PLOT_LIMIT}: select fewer")
+    for trial in trials[1:]:
+        for path in found:
+            trial.find(path)  # raises with a suggestion
+            if trial.unit(path) != first.unit(path):
+                units = f"{first.unit(path)} in {first.path.name} and {trial.unit(path)} in {trial.path.name}"
+                raise BadInput(f"{path} has the unit {units}: they cannot share an axis")
+    return [[path] for path in dict.fromkeys(found)]
 
 
 def signals_of(trial: TrialData, path: str) -> list[str]:
@@ -86,33 +123,37 @@ def alone(trial: TrialData, path: str) -> list[str]:
 
 
 def over_time(
-    trial: TrialData, rows: Sequence[Sequence[str]], title: str, file: BinaryIO, kind: str, subsystem: str = ""
+    trials: Mapping[str, TrialData],
+    rows: Sequence[Sequence[str]],
+    title: str,
+    file: BinaryIO,
+    kind: str,
+    subsystem: str = "",
 ) -> None:
-    """Plot signals over time.
+    """Plot signals over time, each trial from its own start.
 
+    trials : {label: trial}; of several, each plot has one signal of them all
     rows : [[path], ...], one plot each
     file : open for writing bytes
     kind : "png", "svg" or "pdf"
     subsystem : the one that the title names
     """
     figure, axes = sheet(len(rows), title)
-    trial.read(path for paths in rows for path in paths)  # in one pass
+    for trial in trials.values():
+        trial.read(path for paths in rows for path in paths)  # in one pass
     for axis, paths in zip(axes, rows):
-        for number, path in enumerate(paths):
-            values = trial[path]
-            steps, every = values.dtype != float, trial.every(path)
-            ticks = trial.tick if every == 1 else trial.tick[trial.tick % every == 0]
-            axis.plot(
-                *broken(ticks, trial.time_of(path), drawable(values), every),
-                color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
-                linewidth=1.2,
-                label=str(number),
-                drawstyle="steps-post" if steps else "default",
-                marker="" if len(values) > 1 else "o",
-                linestyle="-" if number < len(CURVE_COLOURS) else "--",
-            )
-        _whole(axis, {trial.dtype(path) for path in paths})
-        limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
+        curves = [(trial, path) for trial in trials.values() for path in paths]
+        names = [path.removeprefix(f"{subsystem}/") for path in paths] if len(trials) == 1 else list(trials)
+        for number, (trial, path) in enumerate(curves):
+            _curve(axis, trial, path, number)
+        trial = curves[0][0]
+        _whole(axis, {trial.dtype(path) for path in paths}, states_of(trial, paths[0]))
+        limits = {
+            tuple(ends)
+            for trial, path in curves
+            for ends in [trial.about.get("limits", {}).get(path)]
+            if ends is not None
+        }
         if len(limits) == 1:  # several would need a legend
             for place, end in enumerate(limits.pop()):
                 axis.axhline(
@@ -124,8 +165,10 @@ def over_time(
                     label="limit" if place == 0 else None,
                 )
         axis.set_ylabel(_unit_label(trial.unit(paths[0])), color=INK)
+        if len(trials) > 1:
+            axis.set_title(plain(paths[0]), loc="left", fontsize=9, color=INK, pad=3)
         _dress(axis)
-        full = len(paths) > FULL_SIZE_NAMES
+        full = len(names) > FULL_SIZE_NAMES
         legend = axis.legend(
             fontsize=6.5 if full else 7.5,
             labelspacing=0.25 if full else 0.5,
@@ -135,23 +178,41 @@ def over_time(
             bbox_to_anchor=(1.0, 0.5),
         )
         # matplotlib omits labels that begin with _
-        for text, path in zip(legend.get_texts(), paths):
-            text.set_text(plain(short(path.removeprefix(f"{subsystem}/"), NAME_LIMIT)))
-        if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
+        for text, name in zip(legend.get_texts(), names):
+            text.set_text(plain(short(name, NAME_LIMIT)))
+        if not any(np.isfinite(drawable(trial[path])).any() for trial, path in curves):
             axis.set_yticks(())
             axis.annotate(
                 "no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9
             )
-        _problems(axis, trial)
+        for trial in trials.values():
+            _problems(axis, trial)
     axes[-1].set_xlabel("time [s]", color=INK)
-    if len(trial):
-        first, last = trial.time[0], max([trial.time[-1], *(time for time, _, _ in moments(trial))])
+    ran = [trial for trial in trials.values() if len(trial)]
+    if ran:
+        first = min(trial.time[0] for trial in ran)
+        last = max([*(trial.time[-1] for trial in ran), *(time for trial in ran for time, _, _ in moments(trial))])
         if first == last:  # centre a single tick
-            first, last = first - 0.5 / trial.about["rate"], last + 0.5 / trial.about["rate"]
+            first, last = first - 0.5 / ran[0].about["rate"], last + 0.5 / ran[0].about["rate"]
         axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault is after the last tick
-    name_troubles(axes[0], trial)
+    name_troubles(axes[0], trials)
     figure.align_ylabels(axes)
     picture.save(figure, file, kind)
+
+
+def _curve(axis, trial, path, number):
+    """Draw a signal of a trial in the colour of a number."""
+    values, every = trial[path], trial.every(path)
+    ticks = trial.tick if every == 1 else trial.tick[trial.tick % every == 0]
+    axis.plot(
+        *broken(ticks, trial.time_of(path), drawable(values), every),
+        color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
+        linewidth=1.2,
+        label=str(number),
+        drawstyle="steps-post" if values.dtype != float else "default",
+        marker="" if len(values) > 1 else "o",
+        linestyle="-" if number < len(CURVE_COLOURS) else "--",
+    )
 
 
 def _problems(axis, trial):
@@ -182,16 +243,22 @@ def _codes(trial):
     ]
 
 
-def name_troubles(axis: Axes, trial: TrialData) -> None:
+def name_troubles(axis: Axes, trials: Mapping[str, TrialData]) -> None:
     """Write labels above the first plot, on several levels to avoid overlaps.
 
     Faults come first; marks are labelled while there is space.
+
+    trials : {label: trial}; the label is written if there are several
     """
     first, last = axis.get_xlim()
     taken = [[] for _ in range(LEVELS)]
-    for time, text, colour in sorted(
-        [*moments(trial), *_codes(trial)], key=lambda moment: (moment[2] != FAULT, moment[0])
-    ):
+    start = 13.0 if len(trials) > 1 else 3.0  # points, above the name of the signal
+    troubles = [
+        (time, f"{label}: {text}" if len(trials) > 1 else text, colour)
+        for label, trial in trials.items()
+        for time, text, colour in [*moments(trial), *_codes(trial)]
+    ]
+    for time, text, colour in sorted(troubles, key=lambda moment: (moment[2] != FAULT, moment[0])):
         place, width = (time - first) / (last - first), len(text) * CHARACTER
         late = place > 0.5
         ends = (place - width, place) if late else (place, place + width)
@@ -213,7 +280,7 @@ def name_troubles(axis: Axes, trial: TrialData) -> None:
             textcoords="offset points",
             fontsize=7.5,
             color=colour,
-            xytext=(-3 if late else 3, 3 + 9.5 * level),
+            xytext=(-3 if late else 3, start + 9.5 * level),
             ha="right" if late else "left",
             va="bottom",
         )
@@ -246,9 +313,17 @@ def elements(trial: TrialData, path: str) -> list[str]:
     return [names[place] for place in trial.find(path)[0]]
 
 
-def _whole(axis, dtypes):
-    """Set the ticks of an axis of integers or bools."""
-    if dtypes == {"bool"}:
+def states_of(trial: TrialData, path: str) -> tuple[str, ...]:
+    """Return the names of the values 0, 1, ... of a signal, () if it has none."""
+    return tuple(trial.about.get("states", {}).get(path, ()))
+
+
+def _whole(axis, dtypes, states):
+    """Set the ticks of an axis of integers, bools or states."""
+    if states:
+        axis.set_yticks(range(len(states)), [plain(short(name, STATE_NAME_LIMIT)) for name in states])
+        axis.set_ylim(-0.3, len(states) - 0.7)
+    elif dtypes == {"bool"}:
         axis.set_yticks((0, 1), ("false", "true"))
         axis.set_ylim(-0.1, 1.1)
     elif dtypes and "float" not in dtypes:

@@ -103,7 +103,7 @@ class Trial(TrialData):
         if strides:
             condition = Condition(self.path.stem, self, events, between, last)
             return pictures.Pictures(pictures.over_strides([condition], names))
-        return pictures.Pictures(pictures.over_time(self, names))
+        return pictures.Pictures(pictures.over_time([self], names))
 
     def _repr_html_(self) -> str:
         from runtime.record.analysis.html import trial_in_html

@@ -44,6 +44,7 @@ class _Plan(TypedDict):
     can_log: bool
     signals: list[PlanColumn]
     limits: dict[str, tuple[float, float]]  # {path: (lowest, highest)} of the recorded signals with known limits
+    states: dict[str, list[str]]  # {path: names of its values 0, 1, ...} of the states of state machines
     buses: list[str]
     media: list[str]  # of each bus
     bitrates: dict[str, float]  # {bus: bit/s}

@@ -29,6 +29,7 @@ def gather(plan: Mapping[str, Any]) -> dict[str, Any]:
         "media": plan.get("media", ["can"] * len(plan["buses"])),
         "part": plan.get("part", 1),
         "limits": plan.get("limits", {}),
+        "states": plan.get("states", {}),
         "metadata": metadata,
         "hash": json.loads(diagram)["hash"] if (diagram := plan.get("diagram_json")) else None,
         "versions": optional(versions),

@@ -27,9 +27,10 @@ class Recording:
 
     def __init__(self, trial: Trial, label: str) -> None:
         self.trial, self.label, self.levels = trial, label, Levels(trial)
-        limits = trial.about.get("limits", {})
+        limits, states = trial.about.get("limits", {}), trial.about.get("states", {})
         self.signals = names.describe(
-            {key: signal[key] for key in ("path", "unit", "dtype")} | {"limits": limits.get(signal["path"])}
+            {key: signal[key] for key in ("path", "unit", "dtype")}
+            | {"limits": limits.get(signal["path"]), "labels": states.get(signal["path"], [])}
             for signal in trial.about["signals"]
         )
 

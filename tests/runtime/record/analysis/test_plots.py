@@ -63,6 +63,54 @@ def test_without_names_each_subsystem_has_a_plot(command_line, tmp_path):
     assert png.endswith("_plot.png") and open(png, "rb").read(8) == b"\x89PNG\r\n\x1a\n"
 
 
+MACHINE = """
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.sources import Sine
+from blocks.states import StateMachine
+from graph import Diagram
+
+with Diagram("machine", rate=200) as diagram:
+    knee = CubeMars("AK80-9", name="knee")
+    gait = StateMachine(
+        takes={"u": "1"},
+        gives={"torque": "N·m"},
+        states={"stance": {"torque": 2.0}, "swing": {"torque": -1.0}},
+        transitions=[("stance", "swing", "u > 0.5"), ("swing", "stance", "u < -0.5")],
+        name="gait",
+    )(u=Sine(frequency=1.0)())
+    knee(torque_command=TorqueLimiter(limit=4.0)(gait.torque))
+"""
+
+
+def test_trials_are_drawn_over_each_other_with_their_proved_limit_and_states_have_names(command_line, tmp_path):
+    (tmp_path / "machine.py").write_text(MACHINE)
+    for name, options in {"weak": (), "strong": ("--set", "torque_limiter.limit=1.5")}.items():
+        words = ("--fast", "--duration", "2", "--record", tmp_path / name, "--trial", f"condition={name}")
+        assert command_line(tmp_path / "machine.py", *words, *options)[0] == OK
+    weak, strong = (runtime.load(tmp_path / name) for name in ("weak", "strong"))
+    assert weak.about["limits"]["knee.torque"] == [-4.0, 4.0]  # not the 9 N·m of the drive
+    assert strong.about["limits"]["knee.torque_sent"] == [-1.5, 1.5]
+    assert weak.about["states"] == {"gait.state": ["stance", "swing"]}
+    assert command_line("plot", tmp_path / "weak", "-o", "machine.svg")[0] == OK
+    assert {"stance", "swing", "limit"} <= drawn("machine.svg")
+
+    assert command_line("plot", tmp_path / "weak", tmp_path / "strong", "-o", "both.svg")[0] == OK
+    assert {"weak over strong", "weak", "strong", "knee.position", "knee.torque", "time [s]"} <= drawn("both.svg")
+    assert "limit" not in drawn("both.svg")  # each has another
+    assert command_line("plot", tmp_path / "weak", tmp_path / "strong", "gait.state", "-o", "state.svg")[0] == OK
+    assert {"gait.state", "stance", "swing", "weak", "strong"} <= drawn("state.svg")
+    refusal = command_line.refused("plot", tmp_path / "weak", tmp_path / "strong", "knee.torqe")
+    assert "did you mean 'knee.torque" in refusal
+
+    code, out, _ = command_line("diff", tmp_path / "weak", tmp_path / "strong", "-o", "diff.svg")
+    assert code == CHECK_FAILED and out.startswith("weak and strong: 400 ticks in both\n")
+    assert {"weak", "strong", "knee.torque", "[N·m]", "[rad]"} <= drawn("diff.svg")
+    names = [line.split()[0] for line in out.splitlines()[2:]]
+    knee = [place for place, name in enumerate(names) if name.startswith("knee.")]
+    assert len(knee) > 3 and knee == list(range(knee[0], knee[-1] + 1))  # one joint, one group
+
+
 def test_plot_shows_fault_and_mark(command_line, tmp_path):
     path = knee(tmp_path, "return 1.0 if tick < 150 else math.nan")
     assert command_line(path, "--fast", "--duration", "2", "--record", tmp_path / "run")[0] == FAULT
@@ -139,10 +187,7 @@ def test_undrawable_selection_is_reported_in_one_line(command_line, recording, t
     assert "has no signal 'left/knee.posiion': did you mean 'left/knee.position'?" in command_line.refused(
         "plot", recording, "left/knee.posiion"
     )
-    assert command_line.refused("plot", recording, "b.mcap") == (
-        "b.mcap: over time, plot takes one recording and its signals; --strides compares several over "
-        "the gait cycle, and `diff` two of them tick by tick"
-    )
+    assert "No such file" in command_line.refused("plot", recording, "b.mcap")
     assert (
         command_line.refused("plot", recording, "-o", "a.jpg")
         == "-o a.jpg: the name of a picture must end in .png, .svg or .pdf"
@@ -260,7 +305,7 @@ def test_labels_of_faults_and_marks_do_not_overlap(crowded):
     trial = runtime.load(crowded)
     figure, axes = plots.sheet(1, "words")
     axes[0].set_xlim(trial.time[0], trial.time[-1])
-    plots.name_troubles(axes[0], trial)
+    plots.name_troubles(axes[0], {"crowd": trial})
     figure.canvas.draw()
     said = [text.get_text() for text in axes[0].texts]
     assert {"left/knee/motor.fault: 3", "fault: a silent device at knee/motor", "fault: another at spare/motor"} <= set(

@@ -189,7 +189,8 @@ def test_table_and_plot_read_the_recording_in_one_pass(path, tmp_path, loads):
     loads.clear()
     plots = pytest.importorskip("runtime.record.analysis.plots")
     with open(tmp_path / "plot.png", "wb") as file:
-        plots.over_time(runtime.load(path), [["leg0/block.x1", "leg1/block.x31"], ["leg1/block.x59"]], "", file, "png")
+        rows = [["leg0/block.x1", "leg1/block.x31"], ["leg1/block.x59"]]
+        plots.over_time({"": runtime.load(path)}, rows, "", file, "png")
     assert len(loads) <= count + count + 1  # the check, the signals, and the events
 
 
