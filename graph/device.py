@@ -49,6 +49,7 @@ class Device(Block):
     start_time: float = 0.0
     protects: Any = ()  # paths or buses of the devices that its relay powers
     own_timeout: float | None = None  # s without a command until the device stops by itself; None if unknown
+    own_timeout_declared: bool = False  # whether it is only declared: neither written nor read back
     # name of a memory whose first number the kernel sets when the settings written during arming are confirmed; the
     # memory keeps its value when the blocks are reset at the start of the run
     ready: str | None = None

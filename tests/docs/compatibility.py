@@ -77,7 +77,7 @@ NOTES = {
     "| MIT protocol | `RobStrideMIT` | yes | after `can_timeout`, with a "
     "[minimum firmware](../reference/actuators.md#robstride) |\n",
     "CubeMars, boards V1 and V2": "| MIT mode | `CubeMars` | yes | no, unless "
-    "[`set_can_time_out`](drives.md#what-a-drive-does-without-commands) was set |\n"
+    "[`set_can_time_out`](drives.md#what-a-drive-does-without-commands) was set and declared |\n"
     "| servo mode | `CubeMarsServo` | for current commands only | after 1 s in the parameter files of CubeMars |\n",
     "CubeMars, boards V3.0": "| force control | `CubeMarsV3` | yes | after 1 s in the parameter files of "
     "CubeMars |\n| servo mode | `CubeMarsServo` | for current commands only | the same |\n",

@@ -7,13 +7,14 @@ from typing import Any
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.frames import CODE, ERRORS, FAULTS, MASK, MASKED_FAULTS, REPLIES, WARM, WARM_FROM
+from blocks.actuators.cubemars.own_timeout import DeclaredTimeout
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels.devices.cubemars import mit as kernels
 from graph import Actuator, Memory, Param
 
 
-class CubeMars(StopInMitMode, Joint, Actuator):
+class CubeMars(DeclaredTimeout, StopInMitMode, Joint, Actuator):
     """CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is from the previous tick; commands are sent at
@@ -42,14 +43,18 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     masks = Memory(0.0, "1 if the error byte is a mask")
 
     unread_settings = ("mode", "current limit", "time-out")
-    hardware = (*Joint.hardware, "reply", "errors")
+    hardware = (*Joint.hardware, "reply", "errors", "drive_timeout")
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode
 
     def configure(self) -> None:
         super().configure()
+        self.own_timeout = self.drive_timeout
         self.masks = float((self.errors or self.spec.errors) == MASK)
+
+    def prepare(self, dt: float | None) -> None:
+        self.check_timeout(dt)
 
     def fault_in_words(self, code: int) -> str:
         if self.reply != 8 and not code:

@@ -125,7 +125,7 @@ class CubeMarsServo(ExtendedFrames, Reporting, Requests, CurrentCommand, Drive, 
     limit_columns = (*Drive.limit_columns, "torque_constant")
 
     # not the torque constant: with another a rig could raise the current
-    hardware = (*Drive.hardware, "report_rate", "pole_pairs")
+    hardware = (*Drive.hardware, "report_rate", "pole_pairs", "drive_timeout")
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
+from blocks.actuators.cubemars.own_timeout import DeclaredTimeout
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, torque_field
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 NOTHING = bytes.fromhex("0000007fff7ff7ff")
 
 
-class Reporting:
+class Reporting(DeclaredTimeout):
     """Feedback of boards that report in extended frames, and its decoding."""
 
     report_rate = Param(
@@ -56,6 +57,7 @@ class Reporting:
 
     def check_reports(self) -> None:
         """Raise ValueError if the timeout is shorter than two reports."""
+        self.own_timeout = self.drive_timeout
         self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
@@ -69,6 +71,7 @@ class Reporting:
 
     def prepare(self, dt: float | None) -> None:
         """Compute the reports in a tick. dt : s"""
+        self.check_timeout(dt)
         self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 
     def feedback_range(self) -> dict[str, Interval]:
@@ -139,7 +142,7 @@ class CubeMarsV3(ExtendedFrames, Reporting, Joint, Actuator):
         kernel=False,
     )
 
-    hardware = (*Joint.hardware, "report_rate", "enter")
+    hardware = (*Joint.hardware, "report_rate", "enter", "drive_timeout")
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode

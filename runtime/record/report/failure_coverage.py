@@ -15,6 +15,7 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
     "the run itself",
     "the drives' own time-out",
 )
+DECLARED = "the drives' own time-out, which is declared and not read back"
 
 
 def coverage(
@@ -57,7 +58,7 @@ def stops(device: Device, everything: Sequence[Device]) -> list[str]:
 
     They are the drive's own time-out, or the charge pumps that hold its power.
     """
-    own = [DRIVES] if device.own_timeout is not None else []
+    own = [DECLARED if device.own_timeout_declared else DRIVES] if device.own_timeout is not None else []
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
 

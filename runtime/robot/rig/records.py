@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
 VERSION = 1
 FRESH = 180  # days
+SHOWN_WITHIN = 0.25  # s, of a silence beyond a time-out: in which a lever shows that the drive has stopped
 AGREES, DIFFERS, OPEN = "agrees", "differs", "not measured"
 BEFORE_TORQUE = ("identity", "bus", "state", "turn")  # steps that must agree before a motor is enabled
 OF_SENSORS = ("rest", "bend")  # steps that must agree before a sensor is worn
@@ -114,7 +115,7 @@ class Record:
         now = settings_of(block)
         found += [
             f"was measured without {name} = {toml(now[name])}"
-            for name in now.keys() - self.settings.keys() - {"range"}
+            for name in now.keys() - self.settings.keys() - {"range", "drive_timeout"}
             if now[name] != plain(block.parameters[name].default)
         ]
         age = ((today or datetime.date.today()) - datetime.date.fromisoformat(self.signed["date"])).days
@@ -132,6 +133,10 @@ class Record:
         """Return its findings as text, and the steps without one that a worn robot needs."""
         needed = BEFORE_TORQUE if isinstance(block, Actuator) else OF_SENSORS
         left = [name for name in needed if name not in self.steps or self.steps[name].verdict == OPEN]
+        own, silence = getattr(block, "drive_timeout", None), self.steps.get("silence")
+        seen = {} if silence is None else silence.measured
+        if own is not None and not (seen.get("stopped") and seen["silence"] < own + SHOWN_WITHIN):
+            left.append(f"silence that shows drive_timeout = {own:g}")
         return [*[f"has no {', '.join(left)}"] * bool(left), *(f"found: {text}" for _, text in self.findings)]
 
 

@@ -140,6 +140,7 @@ class Preflight:
             "limit_words": bound.limit_in_words() if bound is not None else "",
             "settings": settings_in_words(block),
             "own_timeout": block.own_timeout,
+            "own_timeout_declared": block.own_timeout_declared,
             "stop": stop_of(block),
         }
         caveats = [caveat.words for caveat in self.schedule.caveats if caveat.path == block.path]

@@ -94,9 +94,8 @@ def standing(row: dict[str, Any]) -> str:
     words += ["found enabled, and disabled"] if row.get("found_enabled") else []
     words += [row[key] for key in ("enabling", "read_back") if row.get(key)]
     if row["stop"] != "nothing to stop":
-        words.append(
-            "own time-out: unknown" if row["own_timeout"] is None else f"own time-out: {row['own_timeout'] * 1e3:g} ms"
-        )
+        own, declared = row["own_timeout"], ", declared" * row["own_timeout_declared"]
+        words.append("own time-out: unknown" if own is None else f"own time-out: {own * 1e3:g} ms{declared}")
     return "; ".join([*words, f"safe stop: {row['stop']}", *row["settings"]])
 
 

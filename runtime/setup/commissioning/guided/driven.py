@@ -189,7 +189,10 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
         )
         if stopped:
             break
-    if own is None and not stopped:
+    if own is None and stopped and "drive_timeout" in block.parameters:
+        result.says.append(f"its time-out is {SILENCE:g} s or less")
+        result.cures["drive_timeout"] = SILENCE
+    elif own is None and not stopped:
         result.says.append("it has no time-out, or a longer one: if computer and cable fail, it does not stop")
     elif own is not None and not stopped:
         result.find(

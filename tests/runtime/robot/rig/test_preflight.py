@@ -280,7 +280,8 @@ def test_drive_timeout_covers_loss_of_power_and_of_both_processes():
     other.own_timeout = 0.025
     assert (
         in_words(coverage(both, both))[1] == ""
-        and f"{BOTH_GONE} (the drives' own time-out)" in in_words(coverage(both, both))[0]
+        and f"{BOTH_GONE} (the drives' own time-out, which is declared and not read back)"
+        in in_words(coverage(both, both))[0]
     )
 
 

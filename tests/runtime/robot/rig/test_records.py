@@ -64,6 +64,21 @@ def test_another_file_is_refused(tmp_path, text):
         records.of_text(text, tmp_path / "x.toml")
 
 
+@pytest.mark.hazard("H1o")
+def test_a_declared_time_out_needs_a_silence_that_showed_it():
+    with pytest.raises(ValueError, match="shorter than two ticks"):
+        knee(drive_timeout=0.008).prepare(0.005)
+    block, unit = knee(drive_timeout=0.1), record()
+    unit.steps = {name: StepRecord("2026-12-01 14:02", records.AGREES) for name in records.BEFORE_TORQUE}
+    assert unit.faults(knee()) == [] and not unit.mismatches(block, datetime.date(2026, 12, 1))
+    missing = ["has no silence that shows drive_timeout = 0.1"]
+    assert unit.faults(block) == missing
+    for seconds, stopped, faults in ((0.3, 0.0, missing), (1.4, 1.0, missing), (0.3, 1.0, [])):
+        measured = {"silence": seconds, "stopped": stopped}
+        unit.steps["silence"] = StepRecord("2026-12-01 14:02", records.AGREES, measured)
+        assert unit.faults(block) == faults, (seconds, stopped)
+
+
 def test_check_shows_what_rests_on_a_record(tmp_path):
     from runtime.host.console.styles import Console
     from runtime.session.check.report import check

@@ -138,12 +138,15 @@ OTHERS = {
 }
 TORQUE = {
     "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
+    "declared": (("CubeMars", "AK80-9", 5, {}, {"drive_timeout": 0.1}), "no time-out"),
     "timeless": (("RobStride", "RS02", 6, {"ignores": ("canTimeout",)}, {}), "setting not kept"),
     "deaf": (("RobStride", "RS02", 7, {"timeout_scale": 1e9}, {}), "no time-out"),
     "late": (("RobStride", "RS02", 8, {"timeout_scale": 3.5}, {}), "late time-out"),
 }
 HEALTHY = {
     "mit": (("CubeMars", "AK80-9", 1, {}, {}), None),
+    "timed": (("CubeMars", "AK80-9", 9, {"command_timeout": 0.1}, {"drive_timeout": 0.1}), None),
+    "unread": (("CubeMarsServo", "AK60-6-V1.1", 10, {"command_timeout": 0.1}, {}), None),
     "mask": (("CubeMars", "AK40-10", 2, {}, {}), None),
     "servo": (("CubeMarsServo", "AK60-6-V1.1", 3, {}, {}), None),
     "board": (("CubeMarsV3", "AK80-9-V3.0", 4, {}, {}), None),
