@@ -75,11 +75,34 @@ class MassSpringDamper(Continuous):
         return self.start, 0.0
 
 
+class BouncingMass(Continuous):
+    """Mass that falls on a floor at x = 0: m x'' = F - m g above it, v → -e v at the contact.
+
+    Below `rest` after a contact it stays on the floor until F > m g. NaN persists until the next reset.
+    """
+
+    mass = Param(1.0, "kg", "mass m", above=0.0)
+    restitution = Param(0.8, "1", "share e of the velocity after a contact", min=0.0, max=1.0)
+    gravity = Param(9.80665, "m/s²", "acceleration g of gravity", min=0.0)
+    rest = Param(1e-4, "m/s", "velocity after a contact below which it stays on the floor", above=0.0)
+    start = Param(1.0, "m", "height at the start, at rest", min=0.0, fixed=True)
+
+    force = Input("N", "force F upwards", default=0.0)
+    position = Output("m", "height x")
+    velocity = Output("m/s", "velocity v")
+
+    derivative_kernel = kernels.bouncer
+    crossing_kernel = kernels.bouncer_contact
+    jump_kernel = kernels.bouncer_rebound
+
+    def initial(self) -> Sequence[Any]:
+        return self.start, 0.0
+
+
 class DirectCurrentMotor(Continuous):
     """Motor with its winding and friction: J ω' = k i - τ - d ω - τ_c tanh(ω / ω_s), L i' = U - R i - k ω.
 
-    The fastest time constant is about L / R: the period of the diagram must be shorter than about two of them, or the
-    solver is unstable. NaN persists until the next reset.
+    The fastest time constants are about L / R and J ω_s / τ_c. NaN persists until the next reset.
     """
 
     resistance = Param(0.3, "Ω", "resistance R of the winding", above=0.0)

@@ -1,26 +1,30 @@
 """Blocks with continuous states, x' = f(x, u), and their integration between the ticks of a plant.
 
-The method is explicit Runge-Kutta with a fixed step, the tick of the diagram. A compile unrolls it to steps of the
-update phase: for each stage the derivatives of all continuous blocks, then their states, then the blocks without state
-between them. Blocks with state of their own, blocks in Python, and sources keep their outputs during a tick.
+The methods are explicit Runge-Kutta, with one step per tick or with error control. A compile unrolls an attempt at a
+step to steps of the update phase, which run again until the tick is complete: for each stage the derivatives of all
+continuous blocks, then their states, then the blocks without state between them. Blocks with state of their own, blocks
+in Python, and sources keep their outputs during a tick.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from msgspec.structs import replace
 
 from cext.kernels import continuous as kernels
+from cext.schedule.kernel_table import call_kernel
+from cext.schedule.python_step import PythonStep
 from graph.block import Block, Sink
 from graph.class_checks import arguments_of
 from graph.declarations import Memory
 from graph.device import Device
 from graph.signal import Signal
-from graph.solvers import DEFAULT, SOLVERS
+from graph.solvers import ADAPTIVE, ATOL, DEFAULT, INACCURATE, RTOL, SOLVERS
 from graph.upstream import upstream
 
 if TYPE_CHECKING:
@@ -44,7 +48,12 @@ class Continuous(Block):
     a `derivative_kernel` instead, which writes the rates to the memory `slope`. `initial` returns the states at the
     start. The outputs are the states, without direct feedthrough: a continuous block may close a loop.
 
-    `Diagram(..., solver="rk4")` chooses the method: "euler", "heun", "rk4" or "dopri5", of order 1, 2, 4 and 5.
+    An event: `crossing` of states and inputs returns a number that becomes negative at the event, whose time the solver
+    finds, and `jump` returns the states after it. A native block has `crossing_kernel`, which writes the memory
+    `margin`, and a `jump_kernel`, which writes `state`.
+
+    `Diagram(..., solver="rk45", rtol=1e-6, atol=1e-9)` chooses the method: "rk45" with error control, or with a tick as
+    the step "euler", "heun", "rk4" and "dopri5", of order 1, 2, 4 and 5.
     """
 
     abstract = True
@@ -53,29 +62,47 @@ class Continuous(Block):
     kernel = kernels.states
     feedthrough = ()
     derivative_kernel: Any = None
+    crossing_kernel: Any = None
+    jump_kernel: Any = None
     derivative: ClassVar[Any]
+    crossing: ClassVar[Any]
+    jump: ClassVar[Any]
 
     state = Memory(0.0, "states, in the order of the outputs")
     slope = Memory(0.0, "rate of change of the states")
-    origin = Memory(0.0, "states at the begin of the tick")
-    following = Memory(0.0, "states at the end of the tick")
+    origin = Memory(0.0, "states at the begin of the step")
+    following = Memory(0.0, "states at the end of the step, then of the tick")
+    begun = Memory(0.0, "states at the begin of the tick")
     slopes = Memory(0.0, "rates of change of the states in each stage")
     tableau = Memory(0.0, "weights of the slopes, a row for each stage")
     stage = Memory(0.0, "index of the present stage")
+    margin = Memory(0.0, "value of the crossing")
+    before = Memory(0.0, "its value at the begin of the step")
+    event = Memory(0.0, "whether it became negative in this step")
+    landed = Memory(0.0, "whether it became negative in the last step of the solution")
+    control = Memory(0.0, "progress of the integration in this tick, of all blocks")
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if vars(cls).get("abstract") or cls.derivative_kernel is not None:
+        if vars(cls).get("abstract"):
             return
-        if not hasattr(cls, "derivative"):
+        if cls.derivative_kernel is None and not hasattr(cls, "derivative"):
             raise TypeError(f"{cls.__name__} has no rates of change: define derivative(self, ...) of states and inputs")
-        names, _ = arguments_of(cls.derivative)
-        unknown = next((name for name in names if name not in cls.outputs and name not in cls.inputs), None)
-        if unknown is not None:
-            raise TypeError(
-                f"{cls.__name__}.derivative takes {unknown!r}, which is neither a state ({', '.join(cls.outputs)}) "
-                f"nor an input ({', '.join(cls.inputs) or 'none'})"
-            )
+        for method in ("derivative", "crossing", "jump"):
+            names, _ = arguments_of(getattr(cls, method)) if hasattr(cls, method) else ((), ())
+            unknown = next((name for name in names if name not in cls.outputs and name not in cls.inputs), None)
+            if unknown is not None:
+                raise TypeError(
+                    f"{cls.__name__}.{method} takes {unknown!r}, which is neither a state ({', '.join(cls.outputs)}) "
+                    f"nor an input ({', '.join(cls.inputs) or 'none'})"
+                )
+        if cls.has("crossing") != cls.has("jump"):
+            raise TypeError(f"{cls.__name__} needs both crossing(self, ...) and jump(self, ...), or neither")
+
+    @classmethod
+    def has(cls, method: str) -> bool:
+        """Return whether the block states a method or its kernel. method : "crossing" or "jump" """
+        return hasattr(cls, method) or getattr(cls, f"{method}_kernel") is not None
 
     def initial(self) -> Sequence[Any]:
         """Return the initial value of each output. Default: zeros."""
@@ -87,16 +114,25 @@ class Continuous(Block):
         return self.width if shape is ... else int(np.prod(shape))
 
     @property
-    def method(self) -> tuple[tuple[float, ...], ...]:
-        """Tableau of the diagram's solver."""
-        return SOLVERS[DEFAULT if self.diagram is None else self.diagram.solver]
+    def solver(self) -> tuple[str, float, float]:
+        """Name of the diagram's solver, and its tolerances (rtol, atol)."""
+        diagram = self.diagram
+        return (DEFAULT, RTOL, ATOL) if diagram is None else (diagram.solver, *diagram.tolerances)
 
     def prepare(self, dt: float) -> None:
-        rows = self.method
+        solver, rtol, atol = self.solver
+        rows = SOLVERS[solver]
         self.state = np.concatenate([np.ravel(value) for value in self.initial()]).astype(float)
-        self.slope, self.origin, self.following = (np.zeros(len(self.state)) for _ in range(3))
+        self.slope, self.origin, self.following, self.begun = (np.zeros(len(self.state)) for _ in range(4))
         self.slopes = np.zeros(len(rows) * len(self.state))
         self.tableau = np.concatenate([[*row, *[0.0] * (len(rows) - len(row))] for row in rows])
+        self.control = np.array([0.0] * 10 + [solver == ADAPTIVE, rtol, atol])
+
+    def fault_text(self, status: int) -> str:
+        return (
+            "the solver needs more than 20000 steps in one tick: its states grow without bound, its rates of change "
+            "are discontinuous, or its events accumulate"
+        )
 
     @property
     def has_python_update(self) -> bool:
@@ -111,17 +147,32 @@ class Continuous(Block):
         """Integrate the block alone over one period, during which the inputs are constant."""
         scratch = self.scratch
         scratch.load(values, named, self.inputs)
-        for _ in self.method:
+        while True:
+            scratch.call(kernels.begin)
             scratch.call(kernels.states)
-            if self.derivative_kernel is not None:
-                scratch.call(self.derivative_kernel)
-            else:
-                slot, size = scratch.items["slope"]
-                rates = self.derivative(*(self._value(name) for name in self.arguments_of("derivative")))
-                rates = rates if len(self.outputs) > 1 else (rates,)
-                scratch.arena[slot : slot + size] = np.concatenate([np.ravel(rate) for rate in rates])
-            scratch.call(kernels.advance)
-        scratch.call(kernels.finish)
+            self._evaluate("crossing", "margin")
+            for _ in SOLVERS[self.solver[0]]:
+                self._evaluate("derivative", "slope")
+                scratch.call(kernels.advance)
+                scratch.call(kernels.states)
+            self._evaluate("crossing", "margin")
+            for kernel in (kernels.meet, kernels.judge, kernels.commit):
+                scratch.call(kernel)
+            if scratch.arena[scratch.items["event"][0]]:
+                self._evaluate("jump", "state")
+            if not scratch.arena[scratch.items["control"][0]]:
+                return
+
+    def _evaluate(self, method: str, item: str) -> None:
+        """Write the result of a method, or of its kernel, to an item on the arena of `step`."""
+        kernel = getattr(self, f"{method}_kernel")
+        if kernel is not None:
+            self.scratch.call(kernel)
+        elif hasattr(self, method):
+            slot, size = self.scratch.items[item]
+            found: Any = getattr(self, method)(*(self._value(name) for name in self.arguments_of(method)))
+            values: tuple[Any, ...] = found if type(found) is tuple else (found,)  # pyright: ignore
+            self.scratch.arena[slot : slot + size] = np.concatenate([np.ravel(each) for each in values])
 
     def _value(self, name: str) -> Any:
         """Return the value of a port on the arena of `step`: a number, or an array."""
@@ -133,33 +184,104 @@ class Continuous(Block):
 def integration(assembly: Any) -> list[Step]:
     """Return the steps that integrate all continuous blocks of a diagram over one tick. assembly : Assembly
 
-    In the last stage `advance` restores the states, so that the signals are again those of the tick.
+    All but the last are an attempt at a step, which is repeated until the tick is complete. Then `close` has restored
+    the states of its begin, so that the signals are again those of the tick.
     """
     blocks = [block for block in assembly.blocks if isinstance(block, Continuous)]
+    leader, hybrid = blocks[0], [block for block in blocks if block.has("crossing")]
+    control = assembly.items[leader]["control"]
+    for block in blocks:
+        assembly.items[block]["control"] = control
     inner = between(assembly.compilation, blocks)
-    stage = [
-        *(rates_step(assembly, block) for block in blocks),
-        *(assembly.native_step(block, kernels.advance) for block in blocks),
-        *(assembly.output_step(block) for block in assembly.compilation.order if block in inner),
+    outputs = [assembly.output_step(block) for block in assembly.compilation.order if block in inner]
+    crossings = [evaluation(assembly, block, "crossing", "margin") for block in hybrid]
+
+    def each(kernel: Any, of: Sequence[Continuous] = blocks) -> list[Step]:
+        return [assembly.native_step(block, kernel) for block in of]
+
+    rates = [evaluation(assembly, block, "derivative", "slope") for block in blocks]
+    if leader.solver[0] != ADAPTIVE:
+        warn_of_stiffness(assembly, blocks, outputs + rates)
+    stage = rates + each(kernels.advance) + outputs
+    attempt = [
+        *each(kernels.begin, [leader]),
+        *crossings,
+        *stage * len(SOLVERS[leader.solver[0]]),
+        *crossings,
+        *each(kernels.meet, hybrid),
+        *each(kernels.judge, [leader]),
+        *each(kernels.commit),
+        *(
+            replace(evaluation(assembly, block, "jump", "state"), conditions=(assembly.items[block]["event"][0],))
+            for block in hybrid
+        ),
+        *each(kernels.close),
+        *outputs,
     ]
-    return stage * len(blocks[0].method) + [assembly.native_step(block, kernels.finish) for block in blocks]
+    return [replace(step, repeat=control[0]) for step in attempt] + each(kernels.finish)
 
 
-def rates_step(assembly: Any, block: Continuous) -> Step:
-    """Return the step that computes the rates of change of a block."""
-    if block.derivative_kernel is not None:
-        return assembly.native_step(block, block.derivative_kernel)
+def warn_of_stiffness(assembly: Any, blocks: Sequence[Continuous], steps: Sequence[Step]) -> None:
+    """Warn of a time constant, at the start of the run, that is shorter than the fixed step of the solver.
+
+    steps : which compute the rates of change from the states
+    """
+    arena = assembly.layout.arena()
+
+    def slots(name: str) -> list[int]:
+        places = [assembly.items[block][name] for block in blocks]
+        return [slot for first, size in places for slot in range(first, first + size)]
+
+    state, slope = slots("state"), slots("slope")
+    calls = [
+        partial(call_kernel, step.kernel, arena, step.table)
+        if step.kernel is not None
+        else partial(PythonStep(step.function, step.name, step.inputs, step.outputs, arena), arena)
+        for step in steps
+    ]
+
+    def rates_at(x: np.ndarray) -> np.ndarray:
+        arena[state] = x
+        for call in calls:
+            call()
+        return arena[slope].copy()
+
+    start = arena[state].copy()
+    shifts = np.diag(1e-6 * np.maximum(1.0, np.abs(start)))
+    try:
+        jacobian = [(rates_at(start + shift) - rates_at(start - shift)) / (2.0 * shift.max()) for shift in shifts]
+        fastest = float(np.abs(np.linalg.eigvals(jacobian)).max())
+    except (ArithmeticError, ValueError):  # not defined at zero inputs
+        return
+    diagram = assembly.compilation.diagram
+    if fastest > diagram.rate:
+        assembly.compilation.report(
+            INACCURATE,
+            f"the shortest time constant of the continuous states is {1e3 / fastest:.2g} ms, and the step of "
+            f"{diagram.solver!r} is {1e3 / diagram.rate:.2g} ms: the states are inaccurate, or grow without bound",
+            blocks[0],
+            hint=f'use the default solver "{ADAPTIVE}", or a rate of {float(f"{5.0 * fastest:.1g}"):g} Hz',
+            severity="warning",
+        )
+
+
+def evaluation(assembly: Any, block: Continuous, method: str, item: str) -> Step:
+    """Return the step that writes the result of a method of a block, or of its kernel, to an item of the block."""
+    kernel = getattr(block, f"{method}_kernel")
+    if kernel is not None:
+        return assembly.native_step(block, kernel)
     places = {name: assembly.places[Signal(block, name)] for name in block.outputs}
     arguments = tuple(
         (name, places[name].slot, "float", places[name].shape) if name in places else assembly.argument(block, name)
-        for name in block.arguments_of("derivative")
+        for name in block.arguments_of(method)
     )
-    slot = assembly.items[block]["slope"][0]
+    slot = assembly.items[block][item][0]
     results: list[Any] = []
-    for name, place in places.items():
-        results.append((name, slot, "float", place.shape, -math.inf, math.inf))
-        slot += place.size
-    step = assembly.python_step(block, block.derivative, (), {})
+    shapes = {item: ()} if item == "margin" else {name: place.shape for name, place in places.items()}
+    for name, shape in shapes.items():
+        results.append((name, slot, "float", shape, -math.inf, math.inf))
+        slot += math.prod(shape)
+    step = assembly.python_step(block, getattr(block, method), (), {})
     return replace(step, inputs=arguments, outputs=tuple(results))
 
 

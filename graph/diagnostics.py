@@ -46,6 +46,7 @@ CODES = {
     "TW036": "cap that cannot hold",
     "TW037": "unstable system",
     "TW038": "continuous states in a robot",
+    "TW039": "step longer than a time constant",
 }
 
 

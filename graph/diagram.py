@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import numbers
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 from graph.names import check_name, count, snake_case, suggestion
 from graph.narrowing import is_tuple
 from graph.signal import Signal
-from graph.solvers import DEFAULT, SOLVERS
+from graph.solvers import ATOL, DEFAULT, RTOL, SOLVERS
 
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
@@ -96,12 +97,15 @@ class Diagram:
 
     diagram["left/knee"] is the block at that path; iteration yields all blocks.
 
-    solver : method that integrates the continuous states of a plant: "euler", "heun", "rk4" or "dopri5"
+    solver : method that integrates the continuous states of a plant: "rk45" with error control, or "euler", "heun",
+        "rk4" or "dopri5" with one step per tick
+    rtol, atol : tolerance of a state's error in a step of "rk45", relative to the state and in its unit: their sum
 
-    Raises DiagramError for a name that is not allowed, for a rate outside 0 to 1e9 Hz and for an unknown solver.
+    Raises DiagramError for a name that is not allowed, a rate outside 0 to 1e9 Hz, an unknown solver, and tolerances
+    that are not above 0.
     """
 
-    def __init__(self, name: str, rate: float, solver: str = DEFAULT) -> None:
+    def __init__(self, name: str, rate: float, solver: str = DEFAULT, rtol: float = RTOL, atol: float = ATOL) -> None:
         check_name(name, caller())
         if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
             digits = repr_of(rate)
@@ -117,9 +121,13 @@ class Diagram:
         if solver not in SOLVERS:
             message = f"the solver must be one of {', '.join(SOLVERS)}, got {repr_of(solver)}"
             raise DiagramError(Diagnostic("TW010", message, path=name, where=caller()))
+        if not (1e-14 <= rtol < 1.0 and 0.0 < atol < math.inf):
+            message = f"rtol must be in [1e-14, 1) and atol above 0, got {repr_of(rtol)} and {repr_of(atol)}"
+            raise DiagramError(Diagnostic("TW010", message, path=name, where=caller()))
         self.name: str = name
         self.rate: float = rate
         self.solver = solver
+        self.tolerances = float(rtol), float(atol)
         self.blocks: dict[str, Any] = {}  # by path
         self.wires: list[Wire] = []
         self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them

@@ -35,6 +35,7 @@ class Step(Struct, frozen=True):
     outputs: tuple[tuple[str, int, str, Shape, float, float], ...] = ()
     hold: int = 0  # consecutive exceptions that are not a fault
     allowance: float = 0.0  # s that it may take beyond the limits of watchdog and guardian
+    repeat: int = 0  # slot: while it is not 0, the consecutive steps with it run again; 0: once
 
 
 class WatchSteps(Struct, frozen=True):

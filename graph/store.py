@@ -24,7 +24,7 @@ from graph.diagram import Diagram, Scope, scope_in_context
 from graph.narrowing import is_row, is_table
 from graph.sha256 import sha256
 from graph.signal import Signal
-from graph.solvers import DEFAULT
+from graph.solvers import ATOL, DEFAULT, RTOL
 
 if TYPE_CHECKING:
     from graph.diagram import Wire
@@ -61,6 +61,7 @@ def describe(diagram: Diagram) -> dict[str, Any]:
         "name": diagram.name,
         "rate": diagram.rate,
         **({"solver": diagram.solver} if diagram.solver != DEFAULT else {}),
+        **({"tolerances": diagram.tolerances} if diagram.tolerances != (RTOL, ATOL) else {}),
         "libraries": dict(sorted({library(kind, known) for kind in sources})),
         "blocks": [describe_block(block, known, sources[type(block)]) for block in blocks],
         "wires": [describe_wire(wire) for wire in wires],
@@ -149,7 +150,7 @@ def unchanging(entry: dict[str, Any]) -> dict[str, Any]:
 
 def digest(data: dict[str, Any]) -> str:
     """Return the content hash of a diagram in JSON form."""
-    essence = {key: data[key] for key in ("name", "rate", "solver", "blocks", "wires") if key in data}
+    essence = {key: data[key] for key in ("name", "rate", "solver", "tolerances", "blocks", "wires") if key in data}
     essence["blocks"] = [unchanging(entry) for entry in data["blocks"]]
     text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
     return "sha256:" + sha256(text.encode()).hexdigest()
@@ -239,7 +240,7 @@ def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
             problems += [d for d in error.diagnostics if d not in problems]
     if problems:
         raise DiagramError(problems)
-    diagram = Diagram(data["name"], data["rate"], data.get("solver", DEFAULT))
+    diagram = Diagram(data["name"], data["rate"], data.get("solver", DEFAULT), *data.get("tolerances", (RTOL, ATOL)))
     for entry in data["blocks"]:
         prefix, _, name = entry["path"].rpartition("/")
         token = scope_in_context.set(Scope(diagram, f"{prefix}/" if prefix else ""))

@@ -1,10 +1,10 @@
 # cython: freethreading_compatible=True
-"""Blocks with continuous states: the steps of an explicit Runge-Kutta method, and derivatives of plants."""
+"""Blocks with continuous states: the steps of a Runge-Kutta method with error control, and derivatives of plants."""
 
-from libc.math cimport sin, tanh
+from libc.math cimport fabs, fmax, pow, sin, tanh
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, ITEMS, OK, Rest, each, export, items, kernel_t
+from cext.abi cimport DT, FIRST_OWN_STATUS, ITEMS, OK, Rest, each, export, items, kernel_t
 
 
 cdef struct States:
@@ -25,35 +25,168 @@ cdef int states_kernel(double *arena, const States *at, const States *sizes) noe
     return OK
 
 
-cdef struct Integration:
-    int32_t state, slope, origin, following, slopes, tableau, stage
+cdef enum:
+    ATTEMPTS = 20000        # steps in one tick, accepted or not
+    TOO_MANY_STEPS = FIRST_OWN_STATUS
 
-INTEGRATION = items((<Integration *>ITEMS)[0],
-                    "state[...] slope[...] origin[...] following[...] slopes[...] tableau[...]")
+cdef struct Control:        # of the integration of all blocks over a tick, in doubles
+    double again            # 1 while the tick is not complete
+    double elapsed          # s since the begin of the tick
+    double step             # s, of this attempt
+    double proposed         # s, the next step by the error; 0: none yet
+    double error            # largest error over its tolerance
+    double crossed          # 1 if a margin has become negative
+    double low              # s, a step before the crossing
+    double high             # s, a step after it; 0: none is looked for
+    double accepted         # 1 if the attempt is part of the solution
+    double attempts         # in this tick
+    double adaptive         # 1: the last row of the tableau has the weights of the error
+    double rtol             # tolerance relative to a state
+    double atol             # tolerance in the unit of a state
+
+cdef struct Shared:
+    int32_t control
+
+SHARED = items((<Shared *>ITEMS)[0], "control[13]")
+
+
+cdef int begin_kernel(double *arena, const Shared *at, const Shared *sizes) noexcept nogil:
+    """Prepare an attempt; at the begin of a tick, that of its first step."""
+    cdef Control *c = <Control *>(arena + at.control)
+    if c.again == 0.0:
+        c.again, c.elapsed, c.low, c.high, c.attempts = 1.0, 0.0, 0.0, 0.0, 0.0
+        c.step = next_step(c, arena[DT])
+    c.error = c.crossed = 0.0
+    return OK
+
+
+cdef inline double next_step(const Control *c, double rest) noexcept nogil:
+    """Return the step with which to go on. rest : s to the end of the tick"""
+    if c.adaptive == 0.0 or c.proposed == 0.0 or c.proposed >= rest:
+        return rest
+    return min(c.proposed, rest / 2.0)      # no last step that is much shorter than the one before
+
+
+cdef struct Integration:
+    int32_t state, slope, origin, following, begun, slopes, tableau, stage, margin, before
+    int32_t event, landed, control
+
+INTEGRATION = items((<Integration *>ITEMS)[0], "state[...] slope[...] origin[...] following[...] begun[...] "
+                    "slopes[...] tableau[...] control[13]")
 
 
 cdef int advance_kernel(double *arena, const Integration *at, const Integration *sizes) noexcept nogil:
-    """Keep the slope of a stage, and set the state to that of the next one: x = origin + dt Σ a[stage, j] slopes[j].
+    """Keep the slope of a stage, and set the state to that of the next one: x = origin + h Σ a[stage, j] slopes[j].
 
-    After the last stage that sum is the state at the end of the tick. It is `following`, and the state is again that at
-    the begin, so that the signals of the tick can be computed once more.
+    After the last of those stages the state is that at the end of the step. An adaptive method has one more, for its
+    error: the largest one of the states over the tolerance, of all blocks.
     """
+    cdef Control *c = <Control *>(arena + at.control)
     cdef int n = sizes.state
     cdef int stages = sizes.slopes // n
     cdef int stage = <int>arena[at.stage]
     cdef const double *row = arena + at.tableau + stage * stages
-    cdef double total
+    cdef double *origin = arena + at.origin
+    cdef double *following = arena + at.following
+    cdef double total, error
     cdef int i, j
     for i in range(n):
         arena[at.slopes + stage * n + i] = arena[at.slope + i]
         if stage == 0:
-            arena[at.origin + i] = arena[at.state + i]
+            origin[i] = arena[at.state + i]
+            if c.elapsed == 0.0:
+                arena[at.begun + i] = origin[i]
         total = 0.0
         for j in range(stage + 1):
             total += row[j] * arena[at.slopes + j * n + i]
-        arena[at.following + i] = arena[at.origin + i] + arena[DT] * total
-        arena[at.state + i] = arena[at.origin + i] if stage == stages - 1 else arena[at.following + i]
+        if c.adaptive != 0.0 and stage == stages - 1:
+            error = fabs(c.step * total) / (c.atol + c.rtol * fmax(fabs(origin[i]), fabs(following[i])))
+            if error > c.error or error != error:       # NaN stays
+                c.error = error
+        else:
+            following[i] = arena[at.state + i] = origin[i] + c.step * total
+    if stage == 0:                          # a jump may leave the margin below 0 by its rounding
+        arena[at.before] = fmax(arena[at.margin], 0.0) if arena[at.landed] != 0.0 else arena[at.margin]
     arena[at.stage] = (stage + 1) % stages
+    return OK
+
+
+cdef inline bint crosses(const double *arena, const Integration *at) noexcept nogil:
+    """Return whether the margin to the event of a block has become negative in this step."""
+    return arena[at.before] >= 0.0 and arena[at.margin] < 0.0
+
+
+cdef int meet_kernel(double *arena, const Integration *at, const Integration *sizes) noexcept nogil:
+    """Look for the time of a crossing, if there is one in this step."""
+    if crosses(arena, at):
+        (<Control *>(arena + at.control)).crossed = 1.0
+    return OK
+
+
+cdef int judge_kernel(double *arena, const Shared *at, const Shared *sizes) noexcept nogil:
+    """Accept the attempt or not, and choose the next step.
+
+    1. With an error above the tolerance the step is repeated with a shorter one. NaN ends the tick, unless it is that
+       of a step that was too long.
+    2. With a crossing, the step is bisected until its end is the first time at which the margin is negative.
+    """
+    cdef Control *c = <Control *>(arena + at.control)
+    cdef double rest = arena[DT] - c.elapsed
+    cdef double resolution = 1e-12 * arena[DT]
+    cdef double factor
+    cdef bint lost = c.error != c.error
+    c.attempts += 1.0
+    if c.attempts > ATTEMPTS:
+        return TOO_MANY_STEPS
+    factor = 0.1 if lost else 5.0 if c.error == 0.0 else min(5.0, max(0.2, 0.9 * pow(c.error, -0.2)))
+    c.accepted = 0.0
+    if c.error > 1.0 or lost and c.step > 1e-6 * arena[DT]:                         # 1.
+        c.step *= factor
+        c.proposed = c.step
+        return OK
+    if c.high > 0.0 or c.crossed != 0.0:                                            # 2.
+        if c.crossed != 0.0:
+            c.high = c.step
+        else:
+            c.low = c.step
+        if c.high - c.low > resolution:
+            c.step = (c.low + c.high) / 2.0
+            return OK
+        if c.crossed == 0.0:
+            c.step = c.high
+            return OK
+    c.accepted = 1.0
+    c.low = c.high = 0.0
+    factor *= c.step
+    c.proposed = factor if c.step >= c.proposed else max(c.proposed, factor)        # it was cut short: by the tick
+    c.elapsed = arena[DT] if lost or c.step >= rest else c.elapsed + c.step
+    rest = arena[DT] - c.elapsed
+    c.proposed = min(c.proposed, arena[DT])
+    c.again = rest > 0.0
+    c.step = next_step(c, rest)
+    return OK
+
+
+cdef int commit_kernel(double *arena, const Integration *at, const Integration *sizes) noexcept nogil:
+    """Set the state to that at the end of an accepted step, else to that at its begin."""
+    cdef bint accepted = (<Control *>(arena + at.control)).accepted != 0.0
+    cdef int32_t place = at.following if accepted else at.origin
+    cdef int i
+    for i in range(sizes.state):
+        arena[at.state + i] = arena[place + i]
+    arena[at.event] = accepted and crosses(arena, at)
+    if accepted:
+        arena[at.landed] = arena[at.event]
+    return OK
+
+
+cdef int close_kernel(double *arena, const Integration *at, const Integration *sizes) noexcept nogil:
+    """At the end of the tick, restore the state of its begin, whose signals are then computed again."""
+    cdef int i
+    if (<Control *>(arena + at.control)).again == 0.0:
+        for i in range(sizes.state):
+            arena[at.following + i] = arena[at.state + i]
+            arena[at.state + i] = arena[at.begun + i]
     return OK
 
 
@@ -105,6 +238,32 @@ cdef int mass_derivative(double *arena, const Mass *at, const Mass *sizes) noexc
     return OK
 
 
+cdef struct Bouncer:
+    int32_t force, position, velocity, mass, restitution, gravity, rest, slope, margin, state
+
+BOUNCER = items((<Bouncer *>ITEMS)[0], "slope[2] state[2]")
+
+
+cdef int bouncer_derivative(double *arena, const Bouncer *at, const Bouncer *sizes) noexcept nogil:
+    cdef double v = arena[at.velocity]
+    cdef double a = arena[at.force] / arena[at.mass] - arena[at.gravity]
+    arena[at.slope] = v
+    arena[at.slope + 1] = 0.0 if arena[at.position] == 0.0 and v == 0.0 and a < 0.0 else a
+    return OK
+
+
+cdef int bouncer_crossing(double *arena, const Bouncer *at, const Bouncer *sizes) noexcept nogil:
+    arena[at.margin] = arena[at.position]
+    return OK
+
+
+cdef int bouncer_jump(double *arena, const Bouncer *at, const Bouncer *sizes) noexcept nogil:
+    cdef double v = -arena[at.restitution] * arena[at.velocity]
+    arena[at.state] = 0.0
+    arena[at.state + 1] = 0.0 if v < arena[at.rest] else v
+    return OK
+
+
 cdef struct Motor:
     int32_t voltage, load, position, velocity, current, resistance, inductance, torque_constant, inertia, damping
     int32_t friction, slip, slope
@@ -125,8 +284,16 @@ cdef int motor_derivative(double *arena, const Motor *at, const Motor *sizes) no
 
 states = export(<kernel_t>states_kernel, STATES)
 advance = export(<kernel_t>advance_kernel, INTEGRATION)
+begin = export(<kernel_t>begin_kernel, SHARED)
+meet = export(<kernel_t>meet_kernel, INTEGRATION)
+judge = export(<kernel_t>judge_kernel, SHARED)
+commit = export(<kernel_t>commit_kernel, INTEGRATION)
+close = export(<kernel_t>close_kernel, INTEGRATION)
 finish = export(<kernel_t>finish_kernel, INTEGRATION)
 integral = export(<kernel_t>integral_derivative, INTEGRAL)
 pendulum = export(<kernel_t>pendulum_derivative, PENDULUM)
 mass = export(<kernel_t>mass_derivative, MASS)
+bouncer = export(<kernel_t>bouncer_derivative, BOUNCER)
+bouncer_contact = export(<kernel_t>bouncer_crossing, BOUNCER)
+bouncer_rebound = export(<kernel_t>bouncer_jump, BOUNCER)
 motor = export(<kernel_t>motor_derivative, MOTOR)

@@ -30,7 +30,9 @@ cdef struct Segment:             # consecutive steps of one kind, one rate and o
     int64_t allowance            # ns
     bint python
     fused_t code                 # all of its steps as one run of machine code, or NULL
-    bint plain                   # has code, and runs in every tick without conditions or an allowance
+    bint plain                   # has code, and runs in every tick without conditions, an allowance or repetition
+    int repeat                   # slot: while it is not 0, the segments with it run again; 0: once
+    int back                     # in the last of them, the first of them; else -1
 
 cdef struct Phase:
     Step *steps

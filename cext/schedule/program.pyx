@@ -87,6 +87,7 @@ cdef class Program:
         cdef Step *step
         cdef Segment *segment = NULL
         cdef int index
+        cdef int first = 0
         # The tables of all steps are contiguous, in the order of the tick, for prefetching.
         tables = [entry.table for entry in steps if entry.kernel is not None]
         cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.slots, *each.sizes)))
@@ -110,15 +111,24 @@ cdef class Program:
                 if holds:
                     self.calls.append(call)
                 step.python = <PyObject *>call
-            kind = (step.kernel == NULL, entry.every, entry.conditions, entry.name if entry.allowance else "")
+            kind = (
+                step.kernel == NULL, entry.every, entry.conditions, entry.name if entry.allowance else "", entry.repeat)
             if segment == NULL or kind != previous:
                 segment = &phase.segments[phase.segment_count]
                 phase.segment_count += 1
+                segment.repeat, segment.back = entry.repeat, -1
                 segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
                 segment.allowance = round(entry.allowance * 1e9)
                 segment.condition_count, segment.conditions = len(entry.conditions), self.hold(words(entry.conditions))
                 previous = kind
             segment.last = index + 1
+        for index in range(phase.segment_count):
+            segment = &phase.segments[index]
+            if index == 0 or phase.segments[index - 1].repeat != segment.repeat:
+                first = index
+            if segment.repeat and (
+                    index + 1 == phase.segment_count or phase.segments[index + 1].repeat != segment.repeat):
+                segment.back = first
         return 0
 
     cdef int fuse(self) except -1:
@@ -149,7 +159,8 @@ cdef class Program:
                 if not segment.python:
                     segment.code = <fused_t><uintptr_t>next(entries)
                     segment.plain = (
-                        segment.every == 1 and segment.condition_count == 0 and segment.allowance == 0)
+                        segment.every == 1 and segment.condition_count == 0 and segment.allowance == 0
+                        and segment.repeat == 0)
             if phases[part].segment_count == 1 and phases[part].segments.plain:
                 phases[part].code = phases[part].segments.code
         self.fused = sum(not addresses for _, run in runs for *_, addresses in run)
@@ -291,7 +302,8 @@ cdef class Program:
                 self.arena[DT], self.arena[PERIOD] = dt, period
             if status != OK:
                 return status
-            index += 1
+            segment = &phase.segments[index]        # run_python may have run those that follow
+            index = segment.back if segment.back >= 0 and self.arena[segment.repeat] != 0.0 else index + 1
         return OK
 
     cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil:
@@ -408,7 +420,8 @@ cdef class Program:
                                 lap(laps, phase.item + step)
                         if segment.allowance:
                             self.end_allowance(segment, began)
-                    if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
+                    if (segment.back >= 0 or index[0] + 1 == phase.segment_count
+                            or not phase.segments[index[0] + 1].python):
                         break
                     index[0] += 1
             except BaseException as error:

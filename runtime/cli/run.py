@@ -43,7 +43,7 @@ def carry_out(request: Request) -> Result:
     from runtime.session.session import Session
 
     prepared = prepare(request)
-    print_to_stderr(map(str, prepared.schedule.warnings))
+    print_to_stderr(map(str, prepared.warnings))
     return carry_out_session(Session(prepared, print_to_stderr))
 
 

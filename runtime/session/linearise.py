@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 STEP = 1e-5  # of the central differences, relative to values above 1
 SHIFT = 1e-7  # by which a memory is found that a tick writes
+PRECISE = 1e-12  # tolerances of a solver, whose error must be smaller than the differences
 TOLERANCE = 1e-4  # of the prediction of two ticks, relative to the response
 
 
@@ -150,6 +151,13 @@ class Model:
             for block in diagram
             if isinstance(block, Delay)
         ]
+        self.working: list[int] = []  # slots of a solver, which are not states
+        for block in diagram:
+            items = schedule.items[block.path] if block.continuous else {}
+            for name in block.memory if block.continuous else ():
+                self.working += [] if name == "state" else range(items[name][0], sum(items[name]))
+            if block.continuous:
+                arena[sum(items["control"]) - 2 : sum(items["control"])] = PRECISE
         self.inputs = [self._slot(name) for name in inputs]
         self.outputs = np.concatenate(
             [np.arange(place.slot, place.slot + place.size) for place in map(schedule.signals.__getitem__, outputs)]
@@ -181,10 +189,10 @@ class Model:
             before = self.arena.copy()
             before[start:] += shift
             before[self.inputs] += shift
-            for *_, place, _ in self.rings:
+            for place in (*self.working, *(place for *_, place, _ in self.rings)):
                 before[place] = self.arena[place]
             found |= before != run(self.schedule, before, 1)
-        found[:start] = False
+        found[:start] = found[self.working] = False
         for first, size, place, _ in self.rings:
             found[first : first + size], found[place] = True, False
         return found

@@ -9,6 +9,8 @@ from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
 from blocks.sinks import Panel, PlotJuggler, Rerun
 from graph import Device, Diagram, Schedule
+from graph.diagnostics import Diagnostic
+from graph.solvers import INACCURATE
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.record.recorder import can_ask
@@ -68,6 +70,13 @@ class Prepared:
     def plant(self) -> Program | None:
         """The program of the plant, None on a rig."""
         return self.simulation.program if self.simulation is not None else None
+
+    @property
+    def warnings(self) -> list[Diagnostic]:
+        """Warnings of the compile, and those of a plant that may be inaccurate."""
+        plant = self.simulation.plant if self.simulation is not None else None
+        own = () if plant is None else (each for each in plant.warnings if each.code == INACCURATE)
+        return [*self.schedule.warnings, *own]
 
     @property
     def substeps(self) -> int:

@@ -7,6 +7,7 @@ import numbers
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cached_property
@@ -18,6 +19,7 @@ from msgspec.structs import replace
 
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
+from graph.solvers import INACCURATE
 from runtime.host.errors import BadInput, RunFault
 from runtime.host.interrupts import interruptible, show_as_line
 from runtime.host.live.requests import as_text, changes_of
@@ -112,6 +114,9 @@ class SimulatedRun:
         named = plant_signals if isinstance(plant_signals, str) else ",".join(plant_signals)
         try:
             self._prepared, self._simulation = prepared, simulation = self._prepare(request, rate, named)
+            for warning in prepared.warnings:
+                if warning.code == INACCURATE:
+                    warnings.warn(str(warning), stacklevel=3)
             self._robot, self._schedule, self.ticks = prepared.diagram, prepared.schedule, prepared.ticks
             width = 2 + len(self._schedule.columns) + len(simulation.recorded)
             self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)

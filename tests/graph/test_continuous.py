@@ -1,14 +1,15 @@
 """Continuous states: the solvers against closed forms, over wires, in Python, native and compiled."""
 
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from scipy import signal, special
+from scipy import integrate, signal, special
 
 import runtime
 from blocks.actuators import CubeMars
-from blocks.continuous import ContinuousIntegrator, DirectCurrentMotor, MassSpringDamper, Pendulum
+from blocks.continuous import BouncingMass, ContinuousIntegrator, DirectCurrentMotor, MassSpringDamper, Pendulum
 from blocks.discrete import Integrator, UnitDelay
 from blocks.limiters import TorqueLimiter
 from blocks.linear import StateSpace
@@ -115,7 +116,7 @@ def discrete():
 def table():
     """Rows of the table of errors on the page."""
     rows = [("two `Integrator`", 1, discrete, "rk4")]
-    rows += [(f"`{solver}`", order, NATIVE, solver) for solver, order in ORDERS]
+    rows += [(f"`{solver}`", order, NATIVE, solver) for solver, order in (*ORDERS, ("rk45", "5, error control"))]
     for name, order, make, solver in rows:
         errors = []
         for rate in (100.0, 200.0, 500.0, 1000.0):
@@ -162,6 +163,104 @@ def test_signals_of_a_tick_are_those_of_its_states_and_discrete_blocks_are_sampl
     assert np.abs(position - wanted).max() < 1e-9
 
 
+def fall(t, restitution, height=1.0):
+    """Height of a mass above a floor, from the parabolas between its contacts."""
+    contact = math.sqrt(2.0 * height / G)
+    x, velocity = height - G * t**2 / 2.0, G * contact
+    while velocity > 1e-4:
+        velocity *= restitution
+        after = t >= contact
+        x[after] = (velocity * (t - contact) - G * (t - contact) ** 2 / 2.0)[after]
+        contact += 2.0 * velocity / G
+    x[t >= contact] = 0.0
+    return x
+
+
+class Ball(Continuous):
+    """A mass above a floor in Python, whose jump leaves the height as it is."""
+
+    position = Output("m", "height")
+    velocity = Output("m/s", "velocity")
+
+    def initial(self):
+        return 1.0, 0.0
+
+    def derivative(self, velocity):
+        return velocity, -G
+
+    def crossing(self, position):
+        return position
+
+    def jump(self, position, velocity):
+        return position, -0.8 * velocity
+
+
+@pytest.mark.parametrize("solver", ["rk4", "rk45"])
+def test_a_mass_bounces_as_in_closed_form_until_it_rests(solver):
+    """Contacts within a tick, many in one tick, and rest after 4.1 s."""
+    position, velocity = swing(block_of(BouncingMass), 500.0, 6.0, solver)
+    assert np.abs(position - fall(np.arange(3001) / 500.0, 0.8)).max() < 1e-12
+    assert position[-1] == velocity[-1] == 0.0
+
+
+def test_a_block_in_python_states_an_event_and_its_jump():
+    position, _ = swing(block_of(Ball), 100.0, 3.0)
+    assert np.abs(position - fall(np.arange(301) / 100.0, 0.8)).max() < 1e-11
+    with Diagram("alone", 100.0):
+        ball = Ball()
+    for index in range(300):
+        assert abs(ball.step()[0] - position[index]) < 1e-12
+        ball.update()
+
+
+def test_events_that_accumulate_are_a_fault_with_the_cause():
+    with Diagram("falling", 100.0) as diagram:
+        Ball()()
+    trial = runtime.run(diagram, 10.0)
+    assert "20000 steps in one tick" in trial.fault["report"][0] and trial.fault["tick"] == 406
+
+
+def test_error_control_follows_a_motor_that_is_faster_than_the_tick():
+    """Time constant of 0.1 ms at 1 kHz, against SciPy at 1e-12; and it is the default."""
+    with Diagram("motor", 1000.0) as diagram:
+        motor = DirectCurrentMotor(inductance=3e-5)
+        motor(voltage=24.0)
+        seen = [taker(each, (), 500) for each in (motor.position, motor.velocity, motor.current)]
+    Executor(Program(compile(diagram)), 1000.0).spin(500)
+
+    def rates(_, x):
+        friction = 1e-4 * x[1] + 0.01 * math.tanh(x[1] / 0.1)
+        return x[1], (0.09 * x[2] - friction) / 1e-4, (24.0 - 0.3 * x[2] - 0.09 * x[1]) / 3e-5
+
+    exact = integrate.solve_ivp(
+        rates, (0.0, 0.5), (0.0,) * 3, "DOP853", np.arange(500) / 1000.0, rtol=1e-12, atol=1e-12
+    )
+    for found, wanted in zip(seen, exact.y):
+        assert np.abs(found - wanted).max() < 1e-7 * np.abs(wanted).max()
+
+
+def test_tolerances_of_the_error_set_it():
+    """At 5 Hz the tick is no limit: the error falls with the tolerance, and is repeated bit for bit."""
+    errors = []
+    for rtol in (1e-5, 1e-8, 1e-11):
+        with Diagram("swing", 5.0, rtol=rtol, atol=rtol) as diagram:
+            seen = [taker(Pendulum(start=START)().position, (), 51) for _ in range(2)]
+        Executor(Program(compile(diagram)), 5.0).spin(51)
+        assert np.array_equal(*seen)
+        errors.append(np.abs(seen[0] - closed_form(np.arange(51) / 5.0)).max())
+    assert errors[0] < 1e-2 and errors[1] < 1e-4 * 2 and errors[2] < 1e-8
+
+
+@pytest.mark.parametrize("solver, warned", [("rk4", True), ("dopri5", True), ("rk45", False)])
+def test_a_fixed_step_that_is_too_long_is_a_warning(solver, warned):
+    with Diagram("motor", 1000.0, solver=solver) as diagram:
+        DirectCurrentMotor(inductance=3e-5)(voltage=24.0)
+    found = [warning for warning in compile(diagram).warnings if warning.code == "TW039"]
+    with pytest.warns(UserWarning, match="is 0.1 ms") if warned else nullcontext():
+        runtime.run(diagram, 0.01)
+    assert bool(found) == warned and ("time constant of the continuous states is 0.1 ms" in str(found)) == warned
+
+
 def test_a_stiff_motor_reaches_its_closed_form_speed():
     """Without friction, a linear system with time constants of 0.7 ms and 3.7 ms; exact by StateSpace."""
     J, L, R, k, d = 1e-4, 2e-4, 0.3, 0.09, 1e-4
@@ -198,14 +297,17 @@ def test_a_robot_moves_a_pendulum_and_the_run_is_repeated_bit_for_bit():
 
 
 def test_the_solver_is_part_of_the_diagrams_text():
-    with Diagram("swing", 100.0, solver="euler") as diagram:
+    with Diagram("swing", 100.0, solver="euler", rtol=1e-3) as diagram:
         Pendulum(start=0.1)()
-    assert from_json(to_json(diagram)).solver == "euler"
+    read = from_json(to_json(diagram))
+    assert (read.solver, read.tolerances) == ("euler", (1e-3, 1e-9))
 
 
 def test_mistakes_are_reported():
-    with pytest.raises(DiagramError, match=f"the solver must be one of {', '.join(SOLVERS)}, got 'rk45'"):
-        Diagram("d", 100.0, solver="rk45")
+    with pytest.raises(DiagramError, match=f"the solver must be one of {', '.join(SOLVERS)}, got 'ode45'"):
+        Diagram("d", 100.0, solver="ode45")
+    with pytest.raises(DiagramError, match="rtol must be in"):
+        Diagram("d", 100.0, rtol=0.0)
     with Diagram("robot", 200.0) as diagram:
         knee = CubeMars("AK80-9", bus="leg", can_id=1, name="knee")
         knee(torque_command=TorqueLimiter(limit=5.0)(Pendulum(start=0.1)().position * 0.0))
@@ -219,6 +321,8 @@ def test_mistakes_are_reported():
         compile(diagram)
     with pytest.raises(TypeError, match=r"define derivative\(self, ...\)"):
         type("Empty", (Continuous,), {"x": Output("m")})
+    with pytest.raises(TypeError, match="both crossing"):
+        type("Half", (Continuous,), {"x": Output("m"), "derivative": lambda self, x: x, "crossing": lambda self, x: x})
     with pytest.raises(TypeError, match="takes 'y', which is neither a state"):
         type("Wrong", (Continuous,), {"x": Output("m"), "derivative": lambda self, y: y})
 
