@@ -1,4 +1,4 @@
-"""Layout of the viewer: one plot per subsystem, the limbs in 3-D, and the events."""
+"""Layout of the viewer: one plot per subsystem and unit, the limbs in 3-D, and the events."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ def blueprint(scene: Scene) -> Any:
             plot_legend=rrb.PlotLegend(visible=True),
         )
         for plot in scene.plots
+        if any(plot.shown)
     ]
     beside = (
         [

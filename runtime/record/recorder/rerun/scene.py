@@ -1,4 +1,4 @@
-"""The scene of a viewer: one plot per subsystem, limits, limbs with coloured joints, inertial sensors, faults.
+"""The scene of a viewer: one plot per subsystem and unit, limits, limbs with coloured joints, inertial sensors, faults.
 
 Limbs are detected by name: actuators of one subsystem called `hip`, `knee` and `ankle` (or with such an ending, as in
 `left_knee`) with a `position` in rad. Missing joints stay straight. Angles are flexion: of hip and ankle forward, of
@@ -9,21 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from runtime.record.storage.grouping import PLAIN
 from runtime.record.storage.messages import split
 
 JOINTS, SEGMENTS = ("hip", "knee", "ankle"), ("thigh", "shank", "foot")
 # (Okabe and Ito 2008)
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (240, 228, 66))
-POSITION_WHITE_SHARE = 0.45  # in the colour of a position beside its torque
 SHOWN_PORTS = ("position", "torque")  # of an actuator
 LINE_LIMIT = 8  # visible lines of a plot without an actuator
 
 
 @dataclass
 class Plot:
-    """Plot of one subsystem.
+    """Plot of the signals of one subsystem and unit.
 
-    title : title of the subsystem
+    title : title of the subsystem, and unit
     entity : names from the outermost
     columns : indices in the row
     labels, shown, colours : label, visibility and colour of each column
@@ -46,16 +46,8 @@ class Plot:
         )
 
     def paint(self) -> None:
-        """Give torque and position of an actuator one hue, the position paler, and other signals hues of their own."""
-        devices, self.colours = {}, []
-        for number, (label, shown) in enumerate(zip(self.labels, self.shown)):
-            block, _, port = label.partition(" [")[0].rpartition(".")
-            if shown and port in SHOWN_PORTS:
-                hue = COLOURS[devices.setdefault(block, len(devices)) % len(COLOURS)]
-                pale = POSITION_WHITE_SHARE if port == "position" else 0.0
-                self.colours.append(tuple(round(share + pale * (255 - share)) for share in hue))
-            else:
-                self.colours.append(COLOURS[number % len(COLOURS)])
+        """Give each line a hue, so that torque and position of an actuator have the same in their plots."""
+        self.colours = [COLOURS[number % len(COLOURS)] for number in range(len(self.columns))]
 
 
 @dataclass(frozen=True)
@@ -113,34 +105,41 @@ class Scene:
         self.faults = [place for path, place in self.places.items() if split(path)[2] == "fault"]
 
     def find_plots(self) -> list[Plot]:
-        """Return the plots of the subsystems, those with actuators first."""
-        plots, limits = {}, {}
+        """Return the plots of the subsystems, one for each unit, those with actuators first."""
+        plots, limits, driven = {}, {}, set()
         for path, place in self.places.items():
             folder, block, port = split(path)
-            title = folder or self.name  # a subsystem with the diagram's name shares its plot
-            plot = plots.setdefault(title, Plot(title, tuple(folder.split("/")) if folder else (self.name,)))
             unit = self.signals[place]["unit"]
+            unit = "" if unit in PLAIN else unit
+            title = folder or self.name  # a subsystem with the diagram's name shares its plots
+            entity = (*folder.split("/"),) if folder else (self.name,)
+            made = Plot(
+                title + f" [{unit}]" * bool(unit), (*entity, unit.replace("·", "-").replace("/", "_per_") or "values")
+            )
+            plot = plots.setdefault((title, unit), made)
             plot.columns.append(place)
-            plot.labels.append(path.removeprefix(f"{folder}/") + (f" [{unit}]" if unit not in ("1", "any") else ""))
+            plot.labels.append(path.removeprefix(f"{folder}/"))
             plot.shown.append(
                 port in SHOWN_PORTS
                 and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN_PORTS)
             )
+            if plot.shown[-1]:
+                driven.add(title)
             if path in self.limits and plot.shown[-1]:
                 low, high = self.limits[path]
                 for end, value in (("≤", high), ("≥", low)):
-                    limits.setdefault(folder, {}).setdefault((port, end, value, unit), []).append(block)
-        for folder, plot in plots.items():
+                    limits.setdefault((title, unit), {}).setdefault((port, end, value), []).append(block)
+        for key, plot in plots.items():
             plot.limits = [
-                (f"{', '.join(blocks)}.{port} {end} {value:g} {unit}", value)
+                (f"{', '.join(blocks)}.{port} {end} {value:g} {key[1]}", value)
                 # equal limits share one line
-                for (port, end, value, unit), blocks in limits.get(folder, {}).items()
+                for (port, end, value), blocks in limits.get(key, {}).items()
             ]
-            if not any(plot.shown):
+            if key[0] not in driven:
                 plot.shown = [number < LINE_LIMIT for number in range(len(plot.columns))]
             plot.order()
             plot.paint()
-        return sorted(plots.values(), key=lambda plot: not is_driven(plot))
+        return [plots[key] for key in sorted(plots, key=lambda key: key[0] not in driven)]
 
     def limb_of(self, sensor: Sensor) -> Limb | None:
         """Return the limb of a sensor; None if unknown."""
@@ -173,8 +172,3 @@ class Scene:
                 folder, block, _ = split(path)
                 sensors.append(Sensor(path, columns, folder, next((name for name in SEGMENTS if name in block), "")))
         return sensors
-
-
-def is_driven(plot: Plot) -> bool:
-    """Return whether a plot shows an actuator; these plots come first."""
-    return any(label.partition(" [")[0].endswith(".torque") for label, shown in zip(plot.labels, plot.shown) if shown)

@@ -1,4 +1,4 @@
-"""Conversion of rows and events to Rerun: one vector per subsystem, limits, limbs, sensors and texts."""
+"""Conversion of rows and events to Rerun: one vector per subsystem and unit, limits, limbs, sensors and texts."""
 
 from __future__ import annotations
 

@@ -30,6 +30,7 @@ from tests.runtime.terminals import patient
 
 RERUN = "runtime.record.recorder.services.rerun:RerunSender"
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs rerun-sdk")
+TORQUE = "/left/N-m"
 LEG = (
     "left/knee.position rad",
     "left/knee.torque N·m",
@@ -108,13 +109,12 @@ def test_invalid_rerun_targets_are_rejected(text):
 
 def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
     scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0), "left/knee.fault": (0.0, 1.0)})
-    left, own = scene.plots
-    assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
-    assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [
-        True,
-        True,
-    ] + 5 * [False]
-    assert left.limits == [("knee.torque ≤ 18 N·m", 18.0), ("knee.torque ≥ -18 N·m", -18.0)] and own.shown == [True]
+    position, torque, rest, own = scene.plots
+    assert [plot.title for plot in scene.plots] == ["left [rad]", "left [N·m]", "left", "robot [s]"]
+    assert (torque.entity, rest.entity, own.entity) == (("left", "N-m"), ("left", "values"), ("robot", "s"))
+    assert (position.labels, torque.labels, rest.labels[0]) == (["knee.position"], ["knee.torque"], "knee.fault")
+    assert (position.shown, torque.shown, rest.shown, own.shown) == ([True], [True], 5 * [False], [True])
+    assert torque.limits == [("knee.torque ≤ 18 N·m", 18.0), ("knee.torque ≥ -18 N·m", -18.0)] != position.limits == []
 
 
 def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position():
@@ -124,21 +124,18 @@ def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position()
         "left/imu.temperature °C",
         *(f"left/{name}.{port}" for name in names for port in ("position rad", "torque N·m")),
     )
-    left, own = Scene(
+    _, position, torque, own = Scene(
         "robot", robot, {f"left/{name}.torque": (-limit, limit) for name, limit in zip(names, (18.0, 18.0, 9.0))}
     ).plots
-    assert left.limits == [
+    assert torque.limits == [
         ("hip, knee.torque ≤ 18 N·m", 18.0),
         ("hip, knee.torque ≥ -18 N·m", -18.0),
         ("ankle.torque ≤ 9 N·m", 9.0),
         ("ankle.torque ≥ -9 N·m", -9.0),
     ]
-    assert own.title == "robot", "what has actuators comes first"
-    assert left.labels[:2] == ["hip.position [rad]", "hip.torque [N·m]"] and left.colours[:2] == [
-        (115, 177, 213),
-        (0, 114, 178),
-    ]
-    assert len(set(left.colours[:6])) == 6
+    assert own.title == "robot [s]", "what has actuators comes first"
+    assert torque.labels == [f"{name}.torque" for name in names] and len(set(torque.colours)) == 3
+    assert torque.colours == position.colours and torque.colours[0] == (0, 114, 178)
 
 
 @needs_rerun
@@ -172,16 +169,12 @@ def test_a_sensor_moves_with_its_segment():
 
 
 def test_plotted_signals_are_first_in_legend():
-    [plot] = Scene(
-        "robot", signals("left/a.x m", "left/knee.age s", "left/knee.position rad", "left/knee.torque N·m"), {}
+    plots = Scene(
+        "robot", signals("left/a.x rad", "left/b.y s", "left/knee.position rad", "left/knee.torque 1"), {}
     ).plots
-    assert plot.labels == ["knee.position [rad]", "knee.torque [N·m]", "a.x [m]", "knee.age [s]"] and plot.columns == [
-        2,
-        3,
-        0,
-        1,
-    ]
-    assert plot.shown == [True, True, False, False]
+    angles = plots[0]
+    assert (angles.labels, angles.columns, angles.shown) == (["knee.position", "a.x"], [2, 0], [True, False])
+    assert [plot.shown for plot in plots[1:]] == [[False], [True]]
 
 
 def test_a_started_viewer_can_be_terminated(monkeypatch):
@@ -222,11 +215,11 @@ def test_every_row_of_a_run_is_in_the_file_in_order_and_to_the_bit(tmp_path):
     assert report["sinks"]["rerun"] == {"rows": 699, "lost": 0} and report["problems"] == []
     verify(tmp_path / "live.rrd")
     found = vectors(tmp_path / "live.rrd")
-    ticks, values = found["/left"]
-    assert ticks == [values[0] for values in rows]
-    assert np.array(values).tobytes() == np.array([values[1:8] for values in rows]).tobytes()
-    assert np.array(found["/bench"][1]).tobytes() == np.array([values[8:] for values in rows]).tobytes()
-    assert found["/left/limits"][1][0] == [18.0, -18.0] and found["/left/limits"][0][0] == 0
+    for entity, first, end in (("/left/rad", 1, 2), (TORQUE, 2, 3), ("/left/values", 3, 8), ("/bench/s", 8, 9)):
+        ticks, values = found[entity]
+        assert ticks == [values[0] for values in rows]
+        assert np.array(values).tobytes() == np.array([values[first:end] for values in rows]).tobytes()
+    assert found[f"{TORQUE}/limits"][1][0] == [18.0, -18.0] and found[f"{TORQUE}/limits"][0][0] == 0
 
 
 @needs_rerun
@@ -237,10 +230,9 @@ def test_an_exported_file_has_every_sample(command_line, tmp_path):
     assert (code, err) == (OK, "")
     verify(out.strip())
     trial = runtime.load(tmp_path / "trial.mcap")
-    ticks, values = vectors(out.strip())["/left"]
-    assert (
-        ticks == trial.tick.tolist() and np.array(values).tobytes() == np.ascontiguousarray(trial.rows[:, :7]).tobytes()
-    )
+    ticks, values = vectors(out.strip())["/left/values"]
+    expected = np.ascontiguousarray(trial.rows[:, 2:7])
+    assert ticks == trial.tick.tolist() and np.array(values).tobytes() == expected.tobytes()
 
 
 @needs_rerun
@@ -269,7 +261,7 @@ def test_times_are_those_of_the_ticks_to_the_nanosecond_and_events_stay_when_the
 
 def test_a_subsystem_named_like_the_diagram_shares_its_plot():
     [plot] = Scene("robot", signals("a.x m", "robot/b.y m"), {}).plots
-    assert (plot.title, plot.entity, plot.labels, plot.columns) == ("robot", ("robot",), ["a.x [m]", "b.y [m]"], [0, 1])
+    assert (plot.title, plot.entity, plot.labels, plot.columns) == ("robot [m]", ("robot", "m"), ["a.x", "b.y"], [0, 1])
 
 
 @needs_rerun
@@ -295,7 +287,7 @@ def test_in_virtual_time_the_run_waits_for_slow_viewers(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
     assert process.returncode == OK, process.stderr
     assert "walk.rrd  (12000 ticks of 49 signals, for Rerun)" in process.stdout
-    ticks, _ = vectors(tmp_path / "walk.rrd")["/left"]
+    ticks, _ = vectors(tmp_path / "walk.rrd")["/left/rad"]
     assert ticks == list(range(12000))
     again = finished(KNEE_EXO, "--fast", "--duration", "1", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
     assert "walk-2.rrd  (200 ticks" in again.stdout  # nothing is overwritten
