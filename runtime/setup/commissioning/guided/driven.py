@@ -320,13 +320,13 @@ def diagram_of(
         joint = type(block)(**own | changed, name="joint")
         constant = {} if "torque_command" in joint.inputs else {"constant": joint.scales[2]}
         probe = probe_of(largest=COMMANDED * limit, name="probe", **constant)
-        command, current, over = probe(joint.position, joint.velocity, joint.torque)
+        probe(joint.position, joint.velocity, joint.torque)
         sent = {name: getattr(joint, name) for name in ("torque_sent", "current_sent") if name in joint.outputs}
         probe(**{name: signal for name, signal in sent.items() if name in probe.inputs})
-        EmergencyStop(name="over")(over)
+        EmergencyStop(name="over")(probe.over)
         if "torque_command" in joint.inputs:
-            joint(torque_command=Saturation(lower=-limit, upper=limit)(command))
+            joint(torque_command=Saturation(lower=-limit, upper=limit)(probe.torque))
         else:
             most = joint.command_limits()["current_command"].high
-            joint(current_command=Saturation(lower=-most, upper=most)(current))
+            joint(current_command=Saturation(lower=-most, upper=most)(probe.current))
     return diagram, probe

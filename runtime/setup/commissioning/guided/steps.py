@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from graph import Actuator
-from runtime.setup.commissioning.guided import by_hand, driven, dynamics, home, passive, sensors
+from runtime.setup.commissioning.guided import by_hand, driven, dynamics, home, law, passive, sensors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,6 +49,7 @@ STEPS = (
     Step("turn", "direction, encoded ranges and wraps", BY_HAND, by_hand.turn),
     Step("motion", "range of the joint", BY_HAND, by_hand.motion),
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
+    Step("law", "encoded ranges of stiffness and damping", LEVER, law.law, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
     Step("dynamics", "friction, inertia and feel", SWINGS, dynamics.dynamics, driven=True, on_request=True),
     Step("home", "place of a stop", HOMING, home.home, driven=True, on_request=True),

@@ -1,0 +1,57 @@
+"""The step for encoded stiffness and damping, in virtual time: healthy drives agree, other ranges are named."""
+
+import math
+
+import pytest
+
+from graph import Diagram
+from runtime.setup.commissioning.guided import driven, law
+from tests.cext.rigs import Rig
+from tests.runtime.setup.commissioning.test_driven import HEALTHY, LEVER, Hanging, block_of
+
+
+def carried_out(block, **faults):
+    """(Result of the step, largest torque) of an emulated drive."""
+    moment = 1.2 * driven.USED_SHARE * driven.rated_of(block) / driven.STEEPEST / driven.GRAVITY
+    lever = driven.Lever(moment / LEVER, LEVER)
+    robot, probe = law.law_diagram(block, lever)
+    with Diagram("plant", rate=2000) as plant:
+        arm = Hanging(moment=moment, length=LEVER)
+        drive = robot["joint"].emulator(name="drive", **faults)
+        arm(drive.torque)
+        drive(position=arm.position, velocity=arm.velocity)
+    outcome = Rig(robot, plant).run(math.ceil(probe.duration * driven.RATE))
+    assert outcome.status == "ok", (outcome.status, outcome.tick)
+    return law.law_of(block, lever, probe), arm.most
+
+
+LAWS = [name for name, (kind, *_) in HEALTHY.items() if kind != "CubeMarsServo"]
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("drive", LAWS)
+def test_stiffness_and_damping_of_a_healthy_drive_agree(drive):
+    block = block_of(*HEALTHY[drive])
+    result, most = carried_out(block)
+    assert not result.findings and result.done, result
+    assert result.measured == pytest.approx({"stiffness": 1.0, "damping": 1.0}, abs=0.15), result
+    assert 0.02 * driven.rated_of(block) < most <= 0.05 * driven.rated_of(block)
+
+
+FAULTS = {  # block, model, faults of the emulator, the finding
+    "stiffness tenfold": ("RobStrideMIT", "RS04", {"wire_stiffness": 5000.0}, "stiffness range"),
+    "stiffness a tenth": ("RobStride", "RS04", {"wire_stiffness": 500.0}, "stiffness range"),
+    "damping twentyfold": ("RobStrideMIT", "RS03", {"wire_damping": 100.0}, "damping range"),
+    "damping a twentieth": ("RobStride", "RS03", {"wire_damping": 5.0}, "damping range"),
+    "stiffness twofold": ("CubeMars", "AK80-9", {"wire_stiffness": 1000.0}, "stiffness range"),
+}
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("fault", FAULTS)
+def test_another_encoded_gain_is_named_before_5_percent_of_rated(fault):
+    kind, model, faults, finding = FAULTS[fault]
+    block = block_of(kind, model, {})
+    result, most = carried_out(block, **faults)
+    assert [name for name, _ in result.findings] == [finding], result
+    assert 0.0 < most <= 0.05 * driven.rated_of(block)
