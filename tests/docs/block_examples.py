@@ -38,12 +38,15 @@ class Example:
     given : its parameters, as keyword arguments
     path : path of the block in the diagram
     motion : parameters of the Walker
+    plant, closing : as in Shown
     """
 
     kind: type[Block]
     given: list[str]
     walker: bool = False
     motion: str = ""
+    plant: str = ""
+    closing: str = ""
     style: str = "none"  # time, curve, step, waves, walk or none
     duration: float = 2.0
     rate: float = RATE
@@ -55,13 +58,15 @@ class Example:
     def code(self):
         """Return the code of the diagram."""
         wires = [f"{name}={value}" for name, value in self.inputs.items()]
-        body = _call(self.kind.__name__, [*self.given, 'name="block"'], LONG_LINE)
+        body = _call("command = " * bool(self.plant) + self.kind.__name__, [*self.given, 'name="block"'], LONG_LINE)
         if wires:
             *body, last = body
             body += _call(last, wires, LONG_LINE)
         settings = self.motion and f"{self.motion}, "
         walker = [f'walker = Walker({settings}name="walker")()'] if self.walker else []
         head = f'with Diagram("example", rate={self.rate:g}) as diagram:\n'
+        if self.plant:
+            body = [f"plant = {self.plant}", *body, *f"plant({self.closing})".splitlines()]
         return head + "".join(f"    {line}\n" for line in walker + body)
 
     def whole(self):
@@ -121,7 +126,7 @@ def example_of(kind, home):
     """
     given = [f"{name}={_text(value)}" for name, value in parameters(kind).items()]
     own = SHOWN.get(kind.__name__, Shown())
-    shown = Example(kind, given, rate=own.rate, motion=own.walker)
+    shown = Example(kind, given, rate=own.rate, motion=own.walker, plant=own.plant, closing=own.closing)
     required = {
         name: port
         for name, port in made(kind).inputs.items()

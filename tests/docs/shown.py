@@ -17,6 +17,7 @@ class Shown:
     duration : s
     rate : Hz
     walker : parameters of the Walker; with them, its start is shown too
+    plant : block that a controller drives, whose outputs its inputs use; closing : wires of its inputs to `command`
     """
 
     parameters: dict[str, Any] | None = None
@@ -25,9 +26,14 @@ class Shown:
     duration: float | None = None
     rate: float = RATE
     walker: str = ""
+    plant: str = ""
+    closing: str = "torque=command"
 
 
-STEP, ONCE = "StepSource(time=0.1)()", {"measurement": "0.0"}
+JOINT = 'Limb(stiffness=0.0, reflex=0.0, name="plant")'  # a free inertia with friction
+SET_POINT = {"reference": 'StepSource(time=0.1, after=0.5, unit="rad")()', "measurement": "plant.position"}
+SPEED = {"reference": 'StepSource(time=0.1, unit="rad/s")()', "measurement": "plant.velocity"}
+STATE = {"position": "plant.position", "velocity": "plant.velocity"}
 TILT = Shown(
     inputs={
         "gyro": 'stack(Sine(frequency=0.5, unit="rad/s")(), 0.0, 0.0)',
@@ -35,13 +41,16 @@ TILT = Shown(
     },
     duration=10.0,
 )
-MOTION = {  # of a joint: 0.5 rad at 1 Hz, and its velocity
-    "position": 'Sine(amplitude=0.5, unit="rad")()',
-    "velocity": f'Sine(amplitude={math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
-}
 ROTATING = f"Sine(phase={math.pi / 2:.3f})(), Sine()()"  # cosine and sine
 LOW_PASS = (0.0201, 0.0402, 0.0201, 1.0, -1.561, 0.6414)  # Butterworth of second order, 10 Hz at 200 Hz
 SHOWN = {
+    "Admittance": Shown(  # held by a hand as stiff as a spring
+        inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")() - plant.y'},
+        style="step",
+        duration=1.0,
+        plant='Gain(20.0, unit="N·m/rad", name="plant")',
+        closing="command.position",
+    ),
     "AdaptiveOscillator": Shown(duration=16.0),
     "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
     "Chirp": Shown(duration=5.0),
@@ -63,13 +72,31 @@ SHOWN = {
     "EmulatedFSR": Shown(inputs={"force": 'Ramp(slope=25.0, unit="N")()'}),
     "EmulatedLoadCell": Shown(inputs={"force": 'Ramp(slope=100.0, initial=-100.0, unit="N")()'}),
     "FSR": Shown(inputs={"voltage": 'Ramp(slope=1.6, unit="V")()'}),
-    "FeedForward": Shown({"damping": 1.0, "friction": 2.0}),
+    "FeedForward": Shown(
+        {"inertia": 0.35, "damping": 1.0},
+        {
+            "velocity": f'Sine(amplitude={math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
+            "acceleration": f'Sine(amplitude={2 * math.pi**2:.3f}, phase={math.pi:.3f}, unit="rad/s²")()',
+        },
+        "waves",
+        plant=JOINT,
+        closing="\n    torque=command\n"
+        '    + Impedance(stiffness=10.0)(plant.position, plant.velocity, Sine(amplitude=0.5, unit="rad")())\n',
+    ),
     "FootContact": Shown(inputs={"heel": "0.7 * walker.left_ground_force[1]"}),
     "Gain": Shown({"gain": 2.5}),
     "GaitState": Shown(duration=8.0, walker='speed="0:0 2:0 4:1.2"'),
     "GyroEvents": Shown(inputs={"velocity": "walker.left_shank_motion[7]"}),
+    "GravityCompensation": Shown(  # of the weight of the limb, which then stays where it is left
+        inputs={"angle": "plant.position"},
+        style="waves",
+        plant=JOINT,
+        closing="\n    torque=command\n"
+        '    - Gain(5.884, unit="N·m")(Sin()(plant.position))\n'
+        '    + Pulse(high=4.0, period=9.0, duty=0.05, delay=0.2, unit="N·m")()\n',
+    ),
     "Hold": Shown({"every": 20}, {"u": "Sine()()"}, "waves"),
-    "Impedance": Shown(inputs=MOTION),
+    "Impedance": Shown(inputs=STATE | {"equilibrium": SET_POINT["reference"]}, style="step", duration=1.0, plant=JOINT),
     "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
     "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
     "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
@@ -94,10 +121,10 @@ SHOWN = {
         "walk",
         10.0,
     ),
-    "P": Shown({"kp": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PD": Shown({"kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PI": Shown({"ki": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PID": Shown({"ki": 2.0, "kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
+    "P": Shown({"kp": 5.0, "unit": "N·m"}, SPEED, "step", 1.0, plant=JOINT),
+    "PD": Shown({"kp": 30.0, "kd": 4.0, "unit": "N·m"}, SET_POINT, "step", 1.0, plant=JOINT),
+    "PI": Shown({"kp": 5.0, "ki": 20.0, "unit": "N·m"}, SPEED, "step", 1.0, plant=JOINT),
+    "PID": Shown({"kp": 30.0, "ki": 30.0, "kd": 4.0, "unit": "N·m"}, SET_POINT, "step", 2.0, plant=JOINT),
     "PhaseKalmanFilter": Shown(inputs={"angle": "walker.left_hip_angle"}, duration=12.0),
     "Playback": Shown({"file": "walk.csv", "column": "knee"}),
     "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),

@@ -1,10 +1,12 @@
 """Pages of blocks: every example runs, linear blocks have the frequency response of theory, and the index is fresh."""
 
+import networkx
 import numpy as np
 import pytest
 
 from blocks.filters import Butterworth
-from graph import Device, Sink
+from graph import Device, Signal, Sink
+from graph.drawing.cards import family
 from tests.docs import block_examples, block_pages, responses
 
 
@@ -42,6 +44,25 @@ def test_frequency_response_of_a_notch_reaches_its_bottom(examples):
 @pytest.mark.parametrize("name", ["Median", "SoftStart", "TorqueLimiter"])
 def test_nonlinear_and_time_varying_blocks_have_no_frequency_response(examples, name):
     assert responses.frequency_response(examples[name]) is None
+
+
+def test_the_example_of_a_controller_closes_its_loop(examples):
+    kinds = [shown for shown in examples.values() if family(shown.kind) == "controller" and shown.style != "walk"]
+    assert len(kinds) >= 8
+    for shown in kinds:
+        wires = [wire for wire in block_examples.diagram(shown).wires if isinstance(wire.source, Signal)]
+        graph = networkx.DiGraph((wire.source.block.path, wire.block.path) for wire in wires)
+        loop = next((loop for loop in networkx.strongly_connected_components(graph) if len(loop) > 1), set())
+        # which a feed-forward has beside it
+        assert "plant" in loop and ("block" in loop) == (shown.kind.__name__ != "FeedForward"), shown.kind.__name__
+
+
+@pytest.mark.parametrize(
+    "name, port, target", [("PD", "position", 0.5), ("PID", "position", 0.5), ("PI", "velocity", 1)]
+)
+def test_a_controller_brings_the_plant_of_its_example_to_the_set_point(examples, name, port, target):
+    trial, _ = block_examples.run(examples[name])
+    assert trial[f"plant.{port}"][-1] == pytest.approx(target, rel=0.05)
 
 
 def test_index_of_the_blocks_is_fresh():
