@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,10 @@ from cext.kernels import continuous as kernels
 from graph import Input, Output, Param
 from graph.continuous import Continuous
 from graph.units import multiply
+
+# of the force over the length of a fibre: height, middle, width, and growth of the width
+BELLS = ((0.815, 1.055, 0.162, 0.063), (0.433, 0.717, -0.030, 0.200), (0.1, 1.0, math.sqrt(0.125), 0.0))
+RESTING = 0.318 * math.asinh(0.374) + 0.886  # factor of the force of a fibre at rest
 
 
 class ContinuousIntegrator(Continuous):
@@ -120,3 +125,52 @@ class DirectCurrentMotor(Continuous):
     current = Output("A", "current i")
 
     derivative_kernel = kernels.motor
+
+
+class MuscleTendon(Continuous):
+    """Muscle of the Hill type on an elastic tendon: F' = k_T (F + 0.25 F_0) (v - v_fibre / cos α) / l_T.
+
+    The curves of force over length and velocity, the tendon (k_T = 35) and the dynamics of the activation are those of
+    De Groote, Kinney, Rao and Fregly (2016), with the force of the tendon as a state: Ann. Biomed. Eng. 44, 2922-2936,
+    doi:10.1007/s10439-016-1591-9. The fibre has a constant height, and an excitation outside 0.01 to 1 counts as the
+    nearer of the two. At the start the fibre rests. NaN persists until the next reset.
+    """
+
+    max_force = Param(3000.0, "N", "isometric force F_0 of the muscle", above=0.0)
+    fibre = Param(0.055, "m", "optimal length of the fibre", above=0.0)
+    tendon = Param(0.25, "m", "slack length l_T of the tendon", above=0.0)
+    pennation = Param(0.35, "rad", "angle α of the fibre at its optimal length", min=0.0, max=1.4)
+    max_velocity = Param(10.0, "1/s", "largest velocity of the fibre, in optimal lengths per second", above=0.0)
+    activation_time = Param(0.015, "s", "time constant of the activation", above=0.0)
+    deactivation_time = Param(0.06, "s", "time constant of the deactivation", above=0.0)
+    start_activation = Param(0.05, "1", "activation at the start", min=0.01, max=1.0, fixed=True)
+    start_length = Param(0.305, "m", "length of muscle and tendon at the start", above=0.0, fixed=True)
+
+    excitation = Input("1", "neural excitation, 0.01 to 1")
+    length = Input("m", "length of muscle and tendon")
+    velocity = Input("m/s", "rate of change of the length", default=0.0)
+    activation = Output("1", "activation")
+    force = Output("N", "force of the tendon F")
+
+    derivative_kernel = kernels.muscle
+
+    def initial(self) -> Sequence[Any]:
+        return self.start_activation, self.force_at(self.start_activation, self.start_length)
+
+    def force_at(self, activation: float, length: float) -> float:
+        """Return the force in N of the resting muscle. length : of muscle and tendon, m"""
+        optimal, height = self.fibre, self.fibre * math.sin(self.pennation)
+        low, high = 1e-6 * optimal, max(length - 0.9 * self.tendon, 2e-6 * optimal)  # along the tendon
+        for _ in range(60):
+            along = 0.5 * (low + high)
+            cosine = along / math.hypot(along, height)
+            l = math.hypot(along, height) / optimal  # noqa: E741
+            active = sum(
+                top * math.exp(-0.5 * ((l - middle) / (width + growth * l)) ** 2)
+                for top, middle, width, growth in BELLS
+            )
+            passive = math.expm1(4.0 * (l - 1.0) / 0.6) / math.expm1(4.0)
+            pull = (activation * active * RESTING + passive) * cosine
+            tension = 0.2 * math.exp(35.0 * ((length - along) / self.tendon - 0.995)) - 0.25
+            low, high = (along, high) if tension > pull else (low, along)
+        return self.max_force * (0.2 * math.exp(35.0 * ((length - low) / self.tendon - 0.995)) - 0.25)

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Blocks with continuous states: the steps of a Runge-Kutta method with error control, and derivatives of plants."""
 
-from libc.math cimport fabs, fmax, pow, sin, tanh
+from libc.math cimport exp, fabs, fmax, fmin, log, pow, sin, sinh, sqrt, tanh
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, FIRST_OWN_STATUS, ITEMS, OK, Rest, each, export, items, kernel_t
@@ -282,6 +282,44 @@ cdef int motor_derivative(double *arena, const Motor *at, const Motor *sizes) no
     return OK
 
 
+cdef struct Muscle:
+    int32_t excitation, length, velocity, activation, force, max_force, fibre, tendon, pennation, max_velocity
+    int32_t activation_time, deactivation_time, slope
+
+MUSCLE = items((<Muscle *>ITEMS)[0], "slope[2]")
+
+
+cdef inline double bell(double l, double height, double middle, double width, double growth) noexcept nogil:
+    """One of the three curves of the force over the length of a fibre."""
+    cdef double x = (l - middle) / (width + growth * l)
+    return height * exp(-0.5 * x * x)
+
+
+cdef int muscle_derivative(double *arena, const Muscle *at, const Muscle *sizes) noexcept nogil:
+    """1. The fibre has the rest of the length, 2. and the velocity at which it has the force of the tendon."""
+    cdef double a = arena[at.activation]
+    cdef double u = fmin(1.0, fmax(0.01, arena[at.excitation]))         # NaN is rejected below
+    cdef double tension = arena[at.force] / arena[at.max_force]
+    cdef double optimal = arena[at.fibre]
+    cdef double height = optimal * sin(arena[at.pennation])
+    cdef double along, l, cosine, active, passive, speed, smooth, share
+    smooth = 0.5 * tanh(0.1 * (u - a))
+    share = 0.5 + 1.5 * a
+    arena[at.slope] = (arena[at.excitation] - arena[at.excitation]) + (u - a) * (
+        (0.5 + smooth) / (arena[at.activation_time] * share) + (0.5 - smooth) * share / arena[at.deactivation_time])
+    along = arena[at.length] - arena[at.tendon] * (0.995 + log((tension + 0.25) / 0.2) / 35.0)      # 1.
+    l = sqrt(along * along + height * height)
+    cosine = along / l
+    l /= optimal
+    active = (bell(l, 0.815, 1.055, 0.162, 0.063) + bell(l, 0.433, 0.717, -0.030, 0.200)
+        + bell(l, 0.1, 1.0, 0.35355339059327373, 0.0))
+    passive = (exp(4.0 * (l - 1.0) / 0.6) - 1.0) / (exp(4.0) - 1.0)
+    speed = (sinh(((tension / cosine - passive) / (a * active) - 0.886) / -0.318) + 0.374) / -8.149     # 2.
+    arena[at.slope + 1] = 35.0 * (tension + 0.25) * arena[at.max_force] / arena[at.tendon] * (
+        arena[at.velocity] - speed * arena[at.max_velocity] * optimal / cosine)
+    return OK
+
+
 states = export(<kernel_t>states_kernel, STATES)
 advance = export(<kernel_t>advance_kernel, INTEGRATION)
 begin = export(<kernel_t>begin_kernel, SHARED)
@@ -296,4 +334,5 @@ mass = export(<kernel_t>mass_derivative, MASS)
 bouncer = export(<kernel_t>bouncer_derivative, BOUNCER)
 bouncer_contact = export(<kernel_t>bouncer_crossing, BOUNCER)
 bouncer_rebound = export(<kernel_t>bouncer_jump, BOUNCER)
+muscle = export(<kernel_t>muscle_derivative, MUSCLE)
 motor = export(<kernel_t>motor_derivative, MOTOR)
