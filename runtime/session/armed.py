@@ -90,7 +90,9 @@ class Armed:
             prepared.request.arm_on or not prepared.request.yes,
             list(rig.guardian.granted),
             poses,
-            () if prepared.subject is None else [*prepared.subject.lines(prepared.diagram), *prepared.records],
+            ()
+            if prepared.subject is None
+            else [*prepared.subject.lines(prepared.diagram), *(prepared.compared.lines if prepared.compared else ())],
         )
 
         def show() -> None:

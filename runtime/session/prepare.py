@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from runtime.robot.loading.subject import Subject
     from runtime.robot.rig.buses import RigBuses
     from runtime.robot.rig.poses import Poses
+    from runtime.robot.rig.record_checks import Compared
     from runtime.session.replay_feed import Feed
 
 NO_CONFIRMATION = (
@@ -50,7 +51,7 @@ class Prepared:
     source_sha256 : hex digest of the source of the diagram file; None without a file
     feed : clock and buses of a recorded run that is repeated; None for a new run
     subject : Subject whose limits the diagram and the schedule contain, or None
-    records : lines on the records of commissioning that were compared
+    compared : records of commissioning that were compared with the units; None without a subject file
     """
 
     request: Request
@@ -64,7 +65,7 @@ class Prepared:
     source_sha256: str | None = field(default=None, kw_only=True)
     feed: Feed | None = field(default=None, kw_only=True)
     subject: Subject | None = field(default=None, kw_only=True)
-    records: list[str] = field(default_factory=list[str], kw_only=True)
+    compared: Compared | None = field(default=None, kw_only=True)
 
     @property
     def plant(self) -> Program | None:
@@ -87,6 +88,11 @@ class Prepared:
     def ramp(self) -> dict[str, Any]:
         """Options of the Executor that end the session of a subject with a ramp, {} without one."""
         return {} if self.subject is None else self.subject.ramp(self.schedule.rate)
+
+    def subject_lines(self) -> list[str]:
+        """Return lines on the limits of a subject and on the records of its robot, [] without one."""
+        limits = [] if self.subject is None else self.subject.lines(self.diagram)
+        return limits + ([] if self.compared is None else self.compared.lines)
 
     def ends(self) -> list[Any]:
         """Return the robot's end of each bus, in the order of the schedule."""
@@ -132,11 +138,11 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         require_ranges(rig, diagram)
         require_supply(rig.battery, diagram, rig.path)
     schedule, ticks = compile_adapted(request, diagram, subject)
-    unrecorded, records = [], []
+    unrecorded, compared = [], None
     if subject is not None and not request.bench:
         from runtime.robot.rig.record_checks import compare_records
 
-        unrecorded, records = compare_records(rig, diagram, subject.name, request.accept)
+        unrecorded, compared = compare_records(rig, diagram, subject.name, request.accept)
     require_acceptance(rig.path, [*schedule.caveats, *unrecorded], request.accept)
     if not request.yes and request.arm_on is None and not can_ask():
         raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
@@ -152,7 +158,7 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         arm_slot=arming_slot(diagram, schedule, request.arm_on),
         source_sha256=file.sha256,
         subject=subject,
-        records=records,
+        compared=compared,
     )
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from graph.schedule import SinkColumns
     from runtime.host.machine.realtime import Realtime
     from runtime.record.recorder.plan_types import Plan, PlanSink
+    from runtime.robot.rig.record_checks import Compared
     from runtime.session.prepare import Prepared
     from runtime.session.request import Request
 
@@ -138,16 +139,19 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
                 "file": str(rig.rig.path),
                 "text": rig.rig.text,
                 "settings": rig.streams.settings,
-                "records": commissioned(rig.rig.path),
+                "records": commissioned(rig.rig.path, prepared.compared),
             },
         },
     }
 
 
-def commissioned(rig: Path) -> dict[str, Any]:
-    """Return the serial numbers of the records of commissioning beside a rig file, and their SHA-256."""
+def commissioned(rig: Path, compared: Compared | None) -> dict[str, Any]:
+    """Return the serial numbers of the records of commissioning beside a rig file, and their SHA-256.
+
+    compared : those of the units that respond, where they were asked
+    """
     try:
-        found = records_of(rig)
+        found = records_of(rig) if compared is None else compared.records
     except BadInput as error:
         return {"unreadable": str(error)}
     return {"sha256": digest(found), "serials": {path: record.serial for path, record in found.items()}}

@@ -1,4 +1,4 @@
-"""Caveats of torque limits, each of which the operator accepts for a run on a rig."""
+"""Caveats of torque limits and of records, each of which the operator accepts for a run on a rig."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
+
+RECORD = "record"  # setting of a caveat on a record of commissioning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +29,7 @@ def require_acceptance(path: Path, caveats: Sequence[Caveat], accepted: Sequence
             raise BadInput(f"--accept {name}: nothing to accept under this name; {hint}")
     problems = [
         RigProblem(
-            "TW138",
+            "TW140" if caveat.setting == RECORD else "TW138",
             f"{caveat.path}: {caveat.words}",
             f"correct it, or accept it for this run with --accept {caveat.name}",
         )

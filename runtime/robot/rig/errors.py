@@ -48,6 +48,7 @@ CODES = {
     "TW137": "battery that does not fit",
     "TW138": "limit that may not hold",
     "TW139": "key that cannot be used",
+    "TW140": "record that does not apply",
 }
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from graph.caveats import Caveat
+from runtime.robot.rig.acceptance import RECORD
 from runtime.robot.rig.identity import identities
 from runtime.robot.rig.records import every_record, file_of, recorded_devices
 
@@ -16,10 +18,18 @@ if TYPE_CHECKING:
     from runtime.robot.rig.records import Record
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Records of the units that respond, {path of a block: Record}, and lines on what was compared."""
+
+    records: dict[str, Record]
+    lines: list[str]
+
+
 def compare_records(
     rig: RigFile, diagram: Diagram, who: str, accepted: Sequence[str]
-) -> tuple[list[Caveat], list[str]]:
-    """Return (Caveats of devices without a record that applies, lines on the others for the operator).
+) -> tuple[list[Caveat], Compared | None]:
+    """Return (Caveats of devices without a record that applies, Compared).
 
     The units are asked for their serial numbers and firmware, unless a caveat that is not accepted prevents the run
     anyway. Raises RigError if a bus cannot be opened, BadInput for a record that cannot be read.
@@ -30,7 +40,7 @@ def compare_records(
     of_joint = {record.device: record for record in records}
     caveats = caveats_of(devices, of_joint, rig, who)
     if any(caveat.name not in accepted for caveat in caveats):
-        return caveats, []
+        return caveats, None
     units, lines = identities(rig, devices), []
     of_serial = {record.serial: record for record in records}
     live: dict[str, list[str]] = {}
@@ -48,7 +58,7 @@ def compare_records(
         if record is not None:
             about = f"accepted although it {'; '.join(live[path])}" if live.get(path) else about
             lines.append(f"{path}: record {record.serial} of {record.signed['date']}; {about}")
-    return caveats_of(devices, of_joint, rig, who, live), lines
+    return caveats_of(devices, of_joint, rig, who, live), Compared(of_joint, lines)
 
 
 def caveats_of(
@@ -67,5 +77,5 @@ def caveats_of(
         else:
             continue
         words = f"{who} asks for its record of commissioning, {words}. Run the command `commission`"
-        caveats.append(Caveat(block.path, "record", words, False))
+        caveats.append(Caveat(block.path, RECORD, words, False))
     return caveats

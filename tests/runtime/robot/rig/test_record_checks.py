@@ -1,6 +1,7 @@
 """Records of commissioning against the units that respond when a run with a subject file starts."""
 
 import datetime
+import json
 import re
 
 import pytest
@@ -85,12 +86,12 @@ def run(folder, *words, **changed):
     """Run with records of UNITS, some of them changed, {path: fields}."""
     for old in folder.glob("lab.records/*"):
         old.unlink()
-    for path, own in UNITS.items():
+    for path in UNITS | changed:
         signed = {"name": "E. Person", "date": str(datetime.date.today())}
         steps = {name: StepRecord("2026-11-27 14:02", AGREES) for name in (*BEFORE_TORQUE, *OF_SENSORS)}
-        fields = {"device": path, "signed": signed, "steps": steps} | own | changed.get(path, {})
+        fields = {"device": path, "signed": signed, "steps": steps} | UNITS.get(path, {}) | changed.get(path, {})
         write(folder / "lab.toml", Record(**fields))
-    words = ("--rig", "lab.toml", "--subject", "subject.toml", "--yes", "--no-record", "--duration", "0.2", *words)
+    words = ("--rig", "lab.toml", "--subject", "subject.toml", "--yes", "--record", "out", "--duration", "0.2", *words)
     return finished("robot.py", *words, cwd=folder)
 
 
@@ -113,7 +114,7 @@ def run(folder, *words, **changed):
 def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
     ended = run(legs, **changed)
     assert ended.returncode == 2 and words in ended.stderr and "commission" in ended.stderr, ended.stderr
-    assert all(f"--accept {path}.record" in ended.stderr for path in changed), ended.stderr
+    assert "TW140" in ended.stderr and all(f"--accept {path}.record" in ended.stderr for path in changed), ended.stderr
 
 
 @pytest.mark.hazard("H1o")
@@ -127,7 +128,8 @@ def test_python_asks_for_records_as_the_command_does(legs, call):
 
 
 def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
-    ended = run(legs)
+    signed = {"name": "E. Person", "date": "2099-01-01"}  # the newest of this joint, but its unit is not mounted
+    ended = run(legs, spare=UNITS["left"] | {"serial": "0" * 16, "device": "left", "signed": signed})
     assert ended.returncode == 0, ended.stderr
     for path, words in (
         ("left", "record AAAAAAAAAAAAAAAA of .*; serial number and firmware compared"),
@@ -136,5 +138,7 @@ def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
         ("hip", "record X 7 of .*; serial number and firmware not compared: its protocol reports neither"),
     ):
         assert re.search(f"{path}: {words}\n", ended.stderr), ended.stderr
+    [about] = (json.loads(file.read_text()) for file in legs.glob("out/*.json"))
+    assert about["metadata"]["rig"]["records"]["serials"]["left"] == "A" * 16
     ended = run(legs, "--accept", "left.record", left={"firmware": ""})
     assert ended.returncode == 0 and "accepted although it is of firmware unknown" in ended.stderr, ended.stderr
