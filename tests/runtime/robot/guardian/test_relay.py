@@ -13,7 +13,7 @@ import tty
 import pytest
 
 from blocks.charge_pump import ChargePump
-from runtime.robot.emulation.priority import take_priority
+from runtime.robot.emulation.priority import priority_of_loop, take_priority
 from runtime.robot.guardian.relay import Relay
 from tests.blocks.test_charge_pump import message
 from tests.runtime.robot.guardian.bus import Bus, guardian_of
@@ -97,6 +97,12 @@ def running(lab, **how):
     return process
 
 
+def listen(bus, *seconds_and_what):
+    """What `bus.listen` returns. Both threads have priority: one that holds the interpreter would delay the other."""
+    with priority_of_loop():
+        return bus.listen(*seconds_and_what)
+
+
 @pytest.mark.hazard("H8g")
 def test_after_kill_9_of_both_processes_only_the_relay_stops_the_drives(lab):
     bus, board = lab
@@ -105,7 +111,7 @@ def test_after_kill_9_of_both_processes_only_the_relay_stops_the_drives(lab):
     killed = time.time()
     os.kill(guardian.pid, signal.SIGSTOP)  # in the same instant, for both
     process.kill(), guardian.kill()
-    bus.listen(0.4)
+    listen(bus, 0.4)
     process.communicate(timeout=10)
     later = {frame.data for frame in bus.frames if frame.time > killed}
     assert DISABLE not in later  # the drives keep their last command
@@ -117,7 +123,7 @@ def test_the_guardian_holds_the_relay_while_it_damps_and_no_longer(lab):
     process = running(lab, drive=', safe_stop="damp", stop_time=0.5')
     killed = time.time()
     process.kill()
-    bus.listen(1.0)
+    listen(bus, 1.0)
     process.communicate(timeout=10)
     pulses = [0.0, *board.after(killed)]
     assert bus.stopped_after(killed) == pytest.approx(0.5, abs=LATE)
@@ -134,7 +140,7 @@ def test_a_continued_run_does_not_close_the_relay(lab):
     bus.listen(0.2 + HOLD + LATE)
     dropped = time.time()
     os.kill(process.pid, signal.SIGCONT)
-    bus.listen(0.5)
+    listen(bus, 0.5)
     _, err = process.communicate(timeout=10)
     assert process.returncode == 3 and "fenced by the guardian" in err and board.after(dropped) == []
 
@@ -145,9 +151,9 @@ def test_no_pulse_follows_the_first_frame_that_disables(lab, how):
     process = running(lab, law="while tick > 200: pass" if how == "a block that hangs" else "pass")
     if how != "a block that hangs":
         process.send_signal(how)
-    assert bus.listen(5.0, lambda frame: frame.data == DISABLE)
+    assert listen(bus, 5.0, lambda frame: frame.data == DISABLE)
     stopped = time.time()
-    bus.listen(0.3)
+    listen(bus, 0.3)
     process.communicate(timeout=10)
     assert not [when for when in board.after(stopped) if when > LATE]
 
