@@ -1,4 +1,4 @@
-"""Picture of an optimisation: cost and parameters over the evaluations and over each other, and the optimum."""
+"""Picture of an optimisation: cost and parameters over the evaluations, cost over each parameter, and the optimum."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CONDITIONS = {"found": ORANGE, "initial": GREY, "zero": GREEN}  # of validation trials, and their colours
+CONDITIONS = {"found": ORANGE, "estimate": ORANGE, "initial": GREY, "zero": GREEN}  # of further trials, with colours
 WIDTH, COST_HEIGHT, ROW = 8.0, 2.8, 1.3  # inches
 NAME_LIMIT = 22  # characters of a label
 
@@ -56,6 +56,7 @@ def figure(
     population: int,
     optimum: Values | None,
     title: str = "cost",
+    after: Sequence[tuple[str, float]] = (),
     errors: Sequence[float | None] = (),
     validated: Sequence[Any] = (),
     intervals: Mapping[str, Sequence[float]] | None = None,
@@ -67,6 +68,7 @@ def figure(
     population : evaluations in a generation
     optimum : drawn as lines, unless it is None
     title : title of the cost
+    after : [(name, cost)] of the evaluations behind those, which belong to no generation
     errors : standard errors of the costs, None if unknown
     validated : [(condition, [cost, ...])] of validation trials
     intervals : {parameter: (low, high)} of the optimum
@@ -74,40 +76,50 @@ def figure(
     """
     made = picture.figure(WIDTH, COST_HEIGHT + ROW * len(parameters))
     heights = [COST_HEIGHT, *[ROW] * len(parameters)]
-    axes: Any = made.subplots(
-        len(heights), 2, sharex="col", sharey="row", squeeze=False, height_ratios=heights, width_ratios=[3, 1]
-    )
+    axes: Any = made.subplots(len(heights), 2, squeeze=False, height_ratios=heights, width_ratios=[5, 2])
     numbers, shown = first + np.arange(len(costs)), drawable(costs)
+    failed = ~np.isfinite(shown)
     draw_costs(axes[0, 0], numbers, shown, errors, population)
     draw_validation(axes[0, 0], numbers[-1], validated)
+    for place, (name, cost) in enumerate(after):
+        at, colour = numbers[-1] + 1 + place, CONDITIONS[name]
+        axes[0, 0].plot([at], drawable([cost]), "D", color=colour, markersize=5, label=f"{at}: {name}")
     axes[0, 0].set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
     axes[0, 1].legend(*axes[0, 0].get_legend_handles_labels(), loc="upper left", fontsize=8, frameon=False)
     for (axis, beside), parameter in zip(axes[1:], parameters):
         tried = np.array([each[parameter.name] for each in values])
-        for each, across in ((axis, numbers), (beside, shown)):
-            each.plot(across, tried, "o", color=BLUE, markersize=4)
-            if optimum is not None:
-                each.axhline(optimum[parameter.name], color=ORANGE, linewidth=1.5)
-            if parameter.name in (intervals or {}):
-                each.axhspan(*(intervals or {})[parameter.name], color=ORANGE, alpha=0.15, linewidth=0)
-        failed = ~np.isfinite(shown)
+        axis.sharex(axes[0, 0])
+        axis.plot(numbers[~failed], tried[~failed], "o", color=BLUE, markersize=4)
         axis.plot(numbers[failed], tried[failed], "x", color=INK, markersize=6)
+        beside.plot(tried, shown, "o", color=BLUE, markersize=4)
+        top = np.full(int(np.sum(failed)), 0.97)
+        beside.plot(tried[failed], top, "x", color=INK, markersize=6, transform=beside.get_xaxis_transform())
+        for line, span in ((axis.axhline, axis.axhspan), (beside.axvline, beside.axvspan)):
+            if optimum is not None:
+                line(optimum[parameter.name], color=ORANGE, linewidth=1.5)
+            if parameter.name in (intervals or {}):
+                span(*(intervals or {})[parameter.name], color=ORANGE, alpha=0.15, linewidth=0)
         margin = 0.05 * (parameter.high - parameter.low)
-        axis.set_ylim(parameter.low - margin, parameter.high + margin)
+        for limit in (axis.set_ylim, beside.set_xlim):
+            limit(parameter.low - margin, parameter.high + margin)
         axis.set_ylabel(plain(short(parameter.name, NAME_LIMIT)), fontsize=9, color=INK)
+        beside.set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
+        beside.set_xlabel(plain(short(parameter.name, NAME_LIMIT)), fontsize=9, color=INK)
     for axis in axes.flat:
         picture.frame(axis)
         axis.tick_params(colors=INK, labelsize=8.5, length=3)
     axes[0, 1].set_axis_off()
+    for axis in axes[:-1, 0]:
+        axis.tick_params(labelbottom=False)
     for axis in axes[:, 0]:
         for place in range(population, len(costs) + 1, population):
             axis.axvline(first + place - 0.5, color=GREY, linewidth=0.6, linestyle=":")
-    axes[-1, 0].set_xlim(first - 0.7, numbers[-1] + 0.7 + 3.3 * bool(validated))
+    axes[-1, 0].set_xlim(first - 0.7, numbers[-1] + 0.7 + 3.3 * bool(validated) + len(after))
     legend = "evaluation; dotted: generations; orange: optimum" + " and its interval" * bool(intervals)
     axes[-1, 0].set_xlabel(legend, fontsize=9, color=INK)
-    axes[-1, 1].set_xlabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
     axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes[-1, 1].xaxis.set_major_locator(MaxNLocator(4))
+    for axis in axes[1:, 1]:
+        axis.xaxis.set_major_locator(MaxNLocator(4))
     made.align_ylabels(axes[:, 0])
     return made
 
@@ -136,7 +148,7 @@ def draw_costs(
 
 def draw_validation(axis: Axes, last: int, validated: Sequence[Any]) -> None:
     """Plot the validation trials at the right, each condition in a colour."""
-    for place, condition in enumerate(CONDITIONS):
+    for place, condition in enumerate(name for name in CONDITIONS if name != "estimate"):
         costs = [numbers[0] for name, numbers in validated if name == condition and numbers[0] is not None]
         if costs:
             label = f"validation: {condition}"

@@ -70,7 +70,14 @@ class OptimisationResult(StudyResult):
         study, last = self.study, -2  # the estimate and the initial values belong to no generation
         costs = self.costs[:last].tolist()
         made = figure(
-            study.varied, study.proposals[:last], costs, study.population, self.optimum, title=study.minimised, first=0
+            study.varied,
+            study.proposals[:last],
+            costs,
+            study.population,
+            self.optimum,
+            title=study.minimised,
+            after=list(zip(("estimate", "initial"), self.costs[last:].tolist())),
+            first=0,
         )
         picture.save(made, file, kind)
 

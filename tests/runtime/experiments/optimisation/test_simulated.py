@@ -2,6 +2,7 @@
 
 import math
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -119,6 +120,10 @@ def test_evaluation_fails_without_a_number_from_each_of_its_runs(costs):
     assert title.endswith(f"{np.sum(result.costs == math.inf)} failed")
     assert failure == f"  first failure: evaluation {first}: distance = nan: expected a finite number"
     assert [each is not None for each in result["error"]] == (result.costs == math.inf).tolist()
+    [path] = result.plot().save("optimisation.svg")
+    words = {text.text for text in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")}
+    assert {"12: estimate", "13: initial"} <= words and list(result["evaluation"][-2:]) == [12, 13], "as the table"
+    assert {"failed", "lowest so far", "distance", "gain", "sine.phase"} <= words
     with pytest.raises(
         BadInput,
         match="no proposal of generation 0 has a cost .distance = inf: expected a finite number.: correct the bounds",
