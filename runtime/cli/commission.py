@@ -41,13 +41,13 @@ SPEED = 60.0  # degrees/s
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code: 1 if a device differs."""
-    from runtime.setup.commissioning.guided.steps import SENSOR_STEPS, STEPS
+    from runtime.setup.commissioning.guided.steps import BUTTON_STEPS, INSOLE_STEPS, SENSOR_STEPS, STEPS
 
-    names = [step.name for step in (*STEPS, *SENSOR_STEPS)]
+    names = [step.name for step in (*STEPS, *SENSOR_STEPS, *INSOLE_STEPS, *BUTTON_STEPS)]
     parser = Parser("commission", "Find what is wrong with each device of a rig, step by step, and record it.", EPILOG)
     parser.add_argument("rig", type=Path, metavar="RIG", help="rig file, such as lab.toml")
     add_options(parser, Request, "file", "settings")
-    parser.add_argument("--device", action="append", metavar="PATH", help="only this drive or sensor; may be repeated")
+    parser.add_argument("--device", action="append", metavar="PATH", help="only this device; may be repeated")
     parser.add_argument(
         "--only", nargs="+", choices=names, metavar="STEP", help=f"only these steps: {', '.join(names)}"
     )
@@ -107,19 +107,19 @@ def commission(options: Namespace) -> int:
 
 
 def selected(bench: Bench, paths: Sequence[str] | None) -> list[Any]:
-    """Return the drives and sensors to commission. Raises BadInput for a path without one."""
-    known = {block.path: block for block in (*bench.drives, *bench.sensors)}
+    """Return the devices to commission. Raises BadInput for a path without one."""
+    known = {block.path: block for block in (*bench.drives, *bench.sensors, *bench.insoles, *bench.buttons)}
     for path in paths or ():
         if path not in known:
             hint = suggestion(path, known) or f"its devices are {', '.join(known) or 'none'}"
-            raise BadInput(f"--device {path}: {bench.diagram.name} has no such drive or sensor; {hint}")
+            raise BadInput(f"--device {path}: {bench.diagram.name} has no such device; {hint}")
     return [block for path, block in known.items() if not paths or path in paths]
 
 
 def place_of(block: Any) -> str:
     """Return the model of a device, and where it is, as text."""
     if hasattr(block, "can_id"):
-        return f"{block.model}, id {block.can_id} on {block.bus}"
+        return f"{getattr(block, 'model', type(block).__name__)}, id {block.can_id} on {block.bus}"
     where = getattr(block, "serial", "") or getattr(block, "address", "") or getattr(block, "port", "")
     return f"{type(block).__name__} {where}".rstrip()
 
@@ -203,7 +203,7 @@ def record_for(bench: Bench, block: Any) -> Record:
     from runtime.setup.commissioning.guided.bench import ask
 
     unique = firmware = ""
-    if hasattr(block, "can_id"):
+    if block in bench.drives:
         answers = [drive for drive in bench.report(block.bus).drives if drive.can_id == block.can_id]
         if len(answers) == 1:
             unique, firmware = answers[0].unique, answers[0].firmware

@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from blocks.families import family_of
+from blocks.gpio import EStopSwitch
+from blocks.safety import EStopHeartbeat
+from blocks.sensors.insole import Insole
 from graph import Actuator, Device
 from runtime.host.console.confirm import discard_typed, enter_pressed
 from runtime.host.console.terminal import print_lines
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
     from graph import Diagram
     from runtime.robot.rig.file import RigFile
 
+BUTTONS = (EStopHeartbeat, EStopSwitch)
 POLL_PERIOD = 0.01  # s between two queries of one drive
 LISTEN_TIME = 0.5  # s of an idle bus
 NOISE = 0.02  # rad, motion of a joint at rest
@@ -90,7 +94,7 @@ class Sample:
 class Bench:
     """Drives of a diagram on the buses of its rig. Use it in a `with` block: at its end the buses are closed.
 
-    drives, sensors : the actuators, and the inertial sensors
+    drives, sensors, insoles, buttons : the actuators, inertial sensors, insoles and emergency stops
     file, rig, diagram : path of the diagram, RigFile, and Diagram with the parameters of the rig
     """
 
@@ -105,6 +109,8 @@ class Bench:
         self.sensors = [
             block for block in diagram if isinstance(block, Device) and {"accel", "gyro"} <= set(block.outputs)
         ]
+        self.insoles = [block for block in diagram if isinstance(block, Insole)]
+        self.buttons = [block for block in diagram if isinstance(block, BUTTONS)]
         self.period = 1.0 / diagram.rate
         self.buses: dict[str, ToolBus] = {}
         self.reports: dict[str, scan.Report] = {}

@@ -76,18 +76,22 @@ def read_those(bench: Bench, sensors: list[Any], seconds: float) -> tuple[dict[s
     kept = {}
     with Diagram("sensors", rate=max(bench.diagram.rate, 2.0 * max(block.rate for block in sensors))) as diagram:
         for block in sensors:
-            *folders, name = block.path.split("/")
-            with ExitStack() as inside:
-                for each in folders:
-                    inside.enter_context(subsystem(each))
-                own = {each: getattr(block, each) for each in block.parameters}
-                sensor = type(block)(**own | {"timeout": SENSOR_TIMEOUT}, name=name)
-                kept[block.path] = Samples(name=f"samples_of_{name}")
-                kept[block.path](accel=sensor.accel, gyro=sensor.gyro, age=sensor.age)
+            sensor = copied(block, timeout=SENSOR_TIMEOUT)
+            kept[block.path] = Samples(name=f"samples_of_{block.path.replace('/', '_')}")
+            kept[block.path](accel=sensor.accel, gyro=sensor.gyro, age=sensor.age)
     outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
     if outcome.faulted:
         return {}, {*outcome.unanswered} or {outcome.culprit or sensors[0].path}
     return {path: each.motion() for path, each in kept.items()}, set()
+
+
+def copied(block: Any, **changed: Any) -> Any:
+    """Return a block with the parameters and the path of another one, in the Diagram that is being made."""
+    *folders, name = block.path.split("/")
+    with ExitStack() as inside:
+        for each in folders:
+            inside.enter_context(subsystem(each))
+        return type(block)(**{each: getattr(block, each) for each in block.parameters} | changed, name=name)
 
 
 def rest(bench: Bench, block: Any, given: Given) -> Result:

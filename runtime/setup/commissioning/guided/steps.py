@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from blocks.sensors.insole import Insole
 from graph import Actuator
-from runtime.setup.commissioning.guided import by_hand, driven, dynamics, home, law, passive, sensors
+from runtime.setup.commissioning.guided import buttons, by_hand, driven, dynamics, home, insoles, law, passive, sensors
+from runtime.setup.commissioning.guided.bench import BUTTONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +61,12 @@ SENSOR_STEPS = (
     Step("bend", "its segment, its axes and its strap", NO_MOTOR, sensors.bend),
 )
 
+INSOLE_STEPS = (Step("load", "its side, its force, its direction and lost frames", NO_MOTOR, insoles.load),)
+BUTTON_STEPS = (Step("press", "pressed and released", NO_MOTOR, buttons.press),)
+
 
 def steps_of(block: Any) -> tuple[Step, ...]:
     """Return the steps of a device."""
-    return STEPS if isinstance(block, Actuator) else SENSOR_STEPS
+    if isinstance(block, BUTTONS):
+        return BUTTON_STEPS
+    return STEPS if isinstance(block, Actuator) else INSOLE_STEPS if isinstance(block, Insole) else SENSOR_STEPS
