@@ -17,7 +17,7 @@ ROBOT = """
 from blocks.actuators import CubeMars, RobStride
 from blocks.actuators.cubemars import EmulatedCubeMars
 from blocks.actuators.robstride import EmulatedRobStride
-from blocks.imus import OpenImu
+from blocks.imus import MicroStrain, OpenImu
 from blocks.imus.openimu.emulator import EmulatedOpenImu
 from graph import Diagram
 from graph import Input, Output
@@ -31,6 +31,7 @@ with Diagram("legs", rate=200) as diagram:
     ):
         block(torque_command=0.0)
     OpenImu("imus", 129, name="shank")
+    MicroStrain(serial="133931", name="thigh")
 
 
 def plant(robot):
@@ -38,6 +39,7 @@ def plant(robot):
         for name, unit, firmware in (("left", "A", "0.2.3.32"), ("right", "B", "0.2.3.33"), ("cyber", "C", "")):
             robot[name].emulator(unique=unit * 16, firmware=firmware)(position=0.1, velocity=0.0)
         robot["hip"].emulator()(position=0.1, velocity=0.0)
+        robot["thigh"].emulator()
         EmulatedOpenImu.of(robot["shank"])(accel=(0.0, 0.0, -9.81), gyro=(0.0, 0.0, 0.0))
     return plant
 """
@@ -58,6 +60,13 @@ UNITS = {
     "right": AT | {"serial": "B" * 16, "firmware": "0.2.3.33.0", "settings": {"can_id": 21}},
     "cyber": AT | {"serial": "C" * 16, "model": "CyberGear", "settings": {"can_id": 22}},
     "shank": {"serial": IMU, "block": "OpenImu", "model": "300RI", "firmware": VERSION, "settings": {"address": 129}},
+    "thigh": {
+        "serial": "6253.133931",
+        "block": "MicroStrain",
+        "model": "",
+        "firmware": "1.1.6",
+        "settings": {"serial": "133931"},
+    },
     "hip": {"serial": "X 7", "block": "CubeMars", "model": "AK80-9", "settings": {"can_id": 3}},
 }
 
@@ -74,7 +83,7 @@ def legs(tmp_path_factory):
         "lab.toml",
     )
     robot = write_file(folder, ROBOT)
-    plant = started("emulate", robot, "--rig", "lab.toml", cwd=folder)
+    plant = started("emulate", robot, "--rig", "lab.toml", "--lines", folder / "ports", cwd=folder)
     while "Ctrl-C ends it" not in (line := plant.stdout.readline()):
         assert line, plant.communicate()
     yield folder
@@ -92,7 +101,7 @@ def run(folder, *words, **changed):
         fields = {"device": path, "signed": signed, "steps": steps} | UNITS.get(path, {}) | changed.get(path, {})
         write(folder / "lab.toml", Record(**fields))
     words = ("--rig", "lab.toml", "--subject", "subject.toml", "--yes", "--record", "out", "--duration", "0.2", *words)
-    return finished("robot.py", *words, cwd=folder)
+    return finished("robot.py", *words, cwd=folder, TICKWORK_PORTS=str(folder / "ports" / "tty*"))
 
 
 @pytest.mark.hazard("H1o")
@@ -107,9 +116,10 @@ def run(folder, *words, **changed):
         ({"shank": {"firmware": "1.0.9.0.0"}}, f"is of firmware 1.0.9.0.0, and the unit has {VERSION}"),
         ({"shank": {"settings": {"address": 129, "orientation": "x"}}}, "was measured with orientation"),
         ({"shank": {"steps": {"rest": StepRecord("2026-11-27 14:02", AGREES)}}}, "has no bend"),
+        ({"thigh": {"serial": "6253.133932"}}, "is of the unit 6253.133932, and the unit that responds is 6253.133931"),
         ({"left": {"steps": {}}}, "has no identity, bus, state, turn"),
     ],
-    ids=["firmware", "unit", "exchanged", "cybergear", "imu", "imu firmware", "axes", "bend", "steps"],
+    ids=["firmware", "unit", "exchanged", "cybergear", "imu", "imu firmware", "axes", "bend", "serial line", "steps"],
 )
 def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
     ended = run(legs, **changed)
@@ -134,6 +144,7 @@ def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
     for path, words in (
         ("left", "record AAAAAAAAAAAAAAAA of .*; serial number and firmware compared"),
         ("cyber", "record CCCCCCCCCCCCCCCC of .*; serial number compared, no firmware"),
+        ("thigh", "record 6253.133931 of .*; serial number and firmware compared"),
         ("shank", "record .*; serial number and firmware compared"),
         ("hip", "record X 7 of .*; serial number and firmware not compared: its protocol reports neither"),
     ):

@@ -58,6 +58,15 @@ def test_a_record_applies_while_unit_and_parameters_are_the_same_and_it_is_fresh
     assert record(device="hip").mismatches(knee(), today)[0] == "was measured at hip"
 
 
+def test_a_setting_that_was_added_later_voids_a_record_but_for_a_measured_range():
+    def reasons(unit, **added):
+        return unit.mismatches(knee(**added), datetime.date(2026, 12, 1))
+
+    unit = record(settings={"can_id": 3})
+    assert reasons(unit, wire_torque=36.0) == ["was measured without wire_torque = 36.0"]
+    assert reasons(unit, range=(-1.0, 1.0)) == []
+
+
 @pytest.mark.parametrize("text", ["version = 2\n", "version = 1\n", "no TOML"])
 def test_another_file_is_refused(tmp_path, text):
     with pytest.raises(BadInput, match="is not a record of `commission`"):
