@@ -38,6 +38,14 @@ class EmulatedRobStride(Emulated, Device):
     firmware = Param(
         "", "1", "firmware version, as in 0.3.1.41; by default the oldest with a time-out in MIT mode", dtype=str
     )
+    supply = Param(
+        0.0,
+        "V",
+        "supply voltage that it reports; 0: 48 V, or 24 V where the model bears less",
+        min=0.0,
+        fixed=True,
+        kernel=False,
+    )
     gains = Param((), "1", '(name, value) of parameters that differ from the defaults, as in (("loc_kp", 40.0),)')
 
     left_velocity = Param(
@@ -79,11 +87,12 @@ class EmulatedRobStride(Emulated, Device):
         spec = self.spec
         if self.trip_temperature is None:
             self.trip_temperature = spec.too_hot
+        nominal = 48.0 if spec.supply[1] > 48.0 else 24.0
         values = {
             frames.LIMIT_TORQUE: spec.peak,
             frames.LIMIT_SPD: 2.0,
             frames.LIMIT_CUR: spec.peak_current,
-            VBUS: 48.0,
+            VBUS: self.supply or nominal,
             LOC_KP: POSITION_GAIN,
             SPD_KP: VELOCITY_GAIN / spec.torque_constant / self.gear_ratio**2,
         }

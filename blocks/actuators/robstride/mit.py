@@ -170,8 +170,8 @@ class RobStrideMIT(StopInMitMode, ReadBack, Joint, Actuator):
         read = (*self.compared, *(index for index, _ in self.written_settings()))
         return [frames.read_in_mit_mode(index, self.can_id) for index in read]
 
-    def position_parameter(self) -> Dialogue:
-        return queries.value_in_mit_mode(self.can_id, PARAMETERS["mechPos"])
+    def read_parameter(self, name: str) -> Dialogue:
+        return queries.value_in_mit_mode(self.can_id, PARAMETERS[name])
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, ENABLE)]

@@ -302,8 +302,8 @@ class RobStride(ReadBack, Joint, Actuator):
             written.append((frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0))
         return written
 
-    def position_parameter(self) -> Dialogue:
-        return queries.value(self.can_id, PARAMETERS["mechPos"], self.spec.is_cybergear)
+    def read_parameter(self, name: str) -> Dialogue:
+        return queries.value(self.can_id, PARAMETERS[name], self.spec.is_cybergear)
 
     def ask_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the stop, which reports the state and leaves a running drive without torque."""

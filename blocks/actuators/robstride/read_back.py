@@ -33,6 +33,6 @@ class ReadBack:
         """Return the number of settings that arming reads back."""
         return len(self.written_settings())
 
-    def position_parameter(self) -> Dialogue:
-        """Dialogue that returns the parameter mechPos in rad, None if the drive does not return it."""
+    def read_parameter(self, name: str) -> Dialogue:
+        """Dialogue that returns a parameter of the drive, such as mechPos in rad; None if it does not return it."""
         raise NotImplementedError

@@ -178,10 +178,10 @@ def compare_ranges(result: Result, block: Any, ratio: float, rate: float) -> Non
 
 def compare_parameters(result: Result, bench: Bench, block: Any) -> None:
     """Compare the position in the replies with the parameter of the drive, where it has one."""
-    if not hasattr(block, "position_parameter"):
+    if not hasattr(block, "read_parameter"):
         return
     before = bench.at_rest(block)[-1]
-    value = bench.buses[block.bus].converse(block.position_parameter())
+    value = bench.buses[block.bus].converse(block.read_parameter("mechPos"))
     after = bench.at_rest(block)[0]
     if value is None:
         result.says.append("the drive does not return its parameter mechPos")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,8 @@ from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Result
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from runtime.robot.rig.battery import Battery
 
 REPLIES = 150  # queries
 QUERY_TIME = 0.4  # s of queries to all drives of a bus
@@ -20,6 +23,7 @@ REPORTS = 4  # fewest reports in that time of a drive that reports by itself
 REPORTS_SHARE = 0.7  # of the declared rate, below which the reports are too slow
 LOST_SHARE = 0.02  # of the replies, above which a bus has a fault
 SLOW_SHARE = 0.5  # of the period, median reply time above which a drive is slow
+SUPPLY_TOLERANCE, EMPTY_SHARE = 0.03, 0.12  # of the voltage of a full battery, and of the nominal one
 ZERO_SILENCE = 0.1  # s without a reply after its zero was set, above which a drive counts as silent
 ZERO_TIME = 2.5  # s of queries after that frame
 
@@ -184,7 +188,37 @@ def state(bench: Bench, block: Any, given: Given) -> Result:
             )
         else:
             result.find("fault", f"the drive reports: {fault}")
+    if (voltage := supply_of(bench, block)) is not None:
+        compare_supply(result, block, bench.rig.battery, voltage)
     return result
+
+
+def supply_of(bench: Bench, block: Any) -> float | None:
+    """Return the supply voltage that a drive reports, V; None if it reports none."""
+    if not hasattr(block, "read_parameter"):
+        return None
+    voltage = bench.buses[block.bus].converse(block.read_parameter("VBUS"))
+    return voltage if voltage and math.isfinite(voltage) else None  # a drive that replies has a supply
+
+
+def compare_supply(result: Result, block: Any, battery: Battery | None, voltage: float) -> None:
+    """Compare the supply voltage of a drive at rest with the range of its model and with the battery of the rig."""
+    result.measured["supply"] = voltage
+    result.says.append(f"supply {voltage:.1f} V at rest")
+    low, high = block.spec.supply or (0.0, math.inf)
+    if not low <= voltage <= high:
+        result.find("supply voltage", f"the drive reports {voltage:.1f} V, and its model needs {low:g} to {high:g} V")
+    elif battery is not None and voltage > battery.full_voltage * (1.0 + SUPPLY_TOLERANCE):
+        result.find(
+            "supply voltage",
+            f"the drive reports {voltage:.1f} V, and [battery] is full at {battery.full_voltage:g} V: correct the rig",
+        )
+    elif battery is not None and voltage < battery.voltage * (1.0 - EMPTY_SHARE):
+        result.find(
+            "supply voltage",
+            f"the drive reports {voltage:.1f} V without load, and [battery] has {battery.voltage:g} V: charge it, or "
+            "check fuse, plugs and cable",
+        )
 
 
 def noise_of(samples: Sequence[Sample]) -> float:

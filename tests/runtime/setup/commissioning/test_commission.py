@@ -156,6 +156,13 @@ HEALTHY = {
     "cyber": (("RobStride", "CyberGear", 6, {}, {}), None),
     "robstride": (("RobStrideMIT", "RS04", 7, {}, {}), None),
 }
+SUPPLY = {
+    "low": (("RobStride", "RS02", 1, {"supply": 21.0}, {}), "supply voltage"),
+    "high": (("RobStride", "CyberGear", 2, {"supply": 48.0}, {}), "supply voltage"),
+    "private": (("RobStride", "RS02", 3, {}, {}), None),
+    "cyber": (("RobStride", "CyberGear", 4, {}, {}), None),
+    "mit": (("RobStrideMIT", "RS04", 5, {}, {}), None),
+}
 GROUND = {"ground": (("CubeMars", "AK80-9", 1, {"ground": True}, {}), "bus errors")}
 PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn", "motion")
 
@@ -163,8 +170,15 @@ PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn", "motion
 @pytest.mark.soak
 @pytest.mark.parametrize(
     "number, drives, words",
-    [(114, MIT, PASSIVE), (115, PROTOCOLS, PASSIVE), (112, OTHERS, PASSIVE), (116, TORQUE, ()), (118, GROUND, PASSIVE)],
-    ids=["MIT mode", "protocols and buses", "others", "torque", "ground"],
+    [
+        (114, MIT, PASSIVE),
+        (115, PROTOCOLS, PASSIVE),
+        (112, OTHERS, PASSIVE),
+        (116, TORQUE, ()),
+        (118, GROUND, PASSIVE),
+        (116, SUPPLY, PASSIVE[:4]),
+    ],
+    ids=["MIT mode", "protocols and buses", "others", "torque", "ground", "supply"],
 )
 def test_each_fault_is_named_before_5_percent_of_the_rated_torque(tmp_path, number, drives, words):
     check_what_is_found(tmp_path, number, drives, words, 1)
