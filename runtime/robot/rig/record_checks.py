@@ -49,7 +49,8 @@ def compare_records(
         if found is None:
             about = "serial number and firmware not compared: its protocol reports neither"
         elif len(found) != 1:
-            live[path] = [f"cannot be compared: {' and '.join(found) or 'no unit'} responds"]
+            who_responds = f"units {' and '.join(found)} respond" if found else "no unit responds"
+            live[path] = [f"cannot be compared: {who_responds}"]
         else:
             [(serial, firmware)] = found.items()
             about = "serial number and firmware compared" if firmware else "serial number compared, no firmware"

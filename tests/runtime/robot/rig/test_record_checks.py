@@ -11,7 +11,7 @@ from runtime.host.errors import BadInput
 from runtime.robot.rig.records import AGREES, BEFORE_TORQUE, OF_SENSORS, Record, StepRecord, write
 from tests.runtime.runs import finished, started
 from tests.runtime.runs import write as write_file
-from tests.runtime.setup.commissioning.nodes import channel
+from tests.runtime.setup.commissioning.nodes import Nodes, Private, channel
 
 ROBOT = """
 from blocks.actuators import CubeMars, RobStride
@@ -125,6 +125,13 @@ def test_a_unit_other_than_the_recorded_one_does_not_arm(legs, changed, words):
     ended = run(legs, **changed)
     assert ended.returncode == 2 and words in ended.stderr and "commission" in ended.stderr, ended.stderr
     assert "TW140" in ended.stderr and all(f"--accept {path}.record" in ended.stderr for path in changed), ended.stderr
+
+
+@pytest.mark.hazard("H1o")
+def test_two_units_with_one_id_do_not_arm(legs):
+    with Nodes(77, Private(20)):
+        ended = run(legs)
+    assert ended.returncode == 2 and re.search(r"cannot be compared: units \w+ and \w+ respond", ended.stderr), ended
 
 
 @pytest.mark.hazard("H1o")

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from blocks.actuators.robstride import models
-from graph import compile
+from graph import DiagramError, compile
 from runtime.host.errors import BAD_INPUT, FAULT, OK
 from runtime.robot.guardian.lock import BusLock
+from runtime.robot.loading.subject import read
 from runtime.setup.commissioning.move import build
 from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished, write
@@ -15,6 +16,13 @@ from tests.runtime.setup.commissioning.nodes import Mit, Nodes, Private, Servo
 pytestmark = pytest.mark.paced
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
+BOARDS = [
+    ("CubeMars", "AK80-9"),
+    ("CubeMarsServo", "AK80-9"),
+    ("CubeMarsV3", "AK80-9-V3.0"),
+    ("RobStride", "RS02"),
+    ("RobStrideMIT", "RS04"),
+]
 STEP = 36.0 / 4095  # N·m, a code of torque
 
 
@@ -164,6 +172,21 @@ def test_move_is_proved_within_the_limit_for_every_board_and_target(block, model
     assert [warning.code for warning in schedule.warnings] == ["TW029"] * closes_its_own_loop
     assert all(proof.interval in proof.limit for proof in schedule.proofs)
     assert schedule.proofs
+
+
+@pytest.mark.hazard("H1l")
+@pytest.mark.parametrize("block, model", BOARDS)
+def test_move_holds_the_cap_of_a_subject_or_refuses(tmp_path, block, model):
+    text = 'version = 1\nid = "S03"\nsigned_by = "A"\ndate = 2026-11-27\nreason = "first"\n[joint."left/hip"]\n'
+    subject = read(write(tmp_path, f"{text}torque = 0.4\npower = 3\n", "s.toml")).for_any_joint()
+    for kind in ("torque", "velocity", "position"):
+        diagram = build(block=block, model=model, kind=kind, target=0.3, limit=0.5)
+        subject.apply(diagram)
+        if block == "RobStrideMIT" or block == "CubeMarsServo" and kind != "torque":
+            with pytest.raises(DiagramError, match="TW036"):
+                compile(diagram)
+        else:
+            assert compile(diagram).torque_bounds["actuator"].limit == 0.4
 
 
 def test_a_motor_that_runs_away_ends_the_run(tmp_path):
