@@ -12,24 +12,30 @@ from runtime.session.request import Request
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code, CHECK_FAILED for an unstable loop; raises BadInput or DiagramError."""
+    """Run the command. Returns the exit code; raises BadInput or DiagramError.
+
+    The code is CHECK_FAILED for a loop that is unstable or does not respond linearly.
+    """
     parser = Parser(
         "analyse",
-        "Open a loop of a diagram at an input, linearise it, and print its margins. The diagram contains controller "
-        "and plant, without devices. Needs python-control.",
+        "Open a loop of a diagram at an input, and print its margins: of the linearised diagram, or with drives, as "
+        "measured in its simulation. Needs python-control.",
     )
     add_options(parser, Request, "file", "settings")
     parser.add_argument("--loop", metavar="INPUT", required=True, help="input of a block, such as pendulum.torque")
     parser.add_argument(
-        "--at", type=float, default=0.0, metavar="S", help="time in s of the run about which it is linearised"
+        "--at", type=float, default=0.0, metavar="S", help="time in s of the run at which it is linearised"
+    )
+    parser.add_argument(
+        "--amplitude", type=float, metavar="A", help="largest value added to a command (default: a tenth of its limit)"
     )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="NAME", help="picture file (default: the diagram's name with _loop.png)"
     )
     options = parser.parse_args(arguments)
     drawing.check(options.output)
-    loop = Loop(options.file, options.loop, options.at, options.settings)
+    loop = Loop(options.file, options.loop, options.at, options.settings, options.amplitude)
     print_lines(loop.lines())
     output = options.output or Path(f"{options.file.stem}_loop.png")
     print_lines([f"picture: {drawing.write(loop.draw, output, '')}"])
-    return OK if loop.margins["pole"] < 1.0 else CHECK_FAILED
+    return OK if loop.linear and loop.margins["pole"] < 1.0 else CHECK_FAILED

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from graph import Diagram, Signal
+from graph import Device, Diagram, Signal
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
-from runtime.robot.loading.file import load
+from runtime.robot.loading.file import build, source
+from runtime.session.excitation import START, measure
 from runtime.session.linearise import linearise
 
 if TYPE_CHECKING:
@@ -30,7 +31,10 @@ LONGEST = 5000  # ticks of the step response
 class Loop:
     """A loop of a diagram, opened at an input: L(z), from the input to minus the signal that is connected there.
 
-    system : control.StateSpace, L
+    A diagram with devices is not linearised: L is measured in its simulation, with the time of buses and drives.
+
+    system : control.StateSpace, L; None if it was measured
+    error : error of 1 + L as a share of it, at the frequencies; 0 if it was linearised
     name, source : input at which it is opened, and the signal that is connected there
     """
 
@@ -40,8 +44,11 @@ class Loop:
         name: str,
         at: float = 0.0,
         settings: Settings = (),
+        amplitude: float | None = None,
+        plant: Diagram | Callable[..., Diagram] | None = None,
     ) -> None:
-        _, diagram = load(given, settings)
+        file = source(given, plant)
+        diagram = build(file, settings)
         sources = {
             f"{wire.block.path}.{wire.port}": wire.source.path
             for wire in diagram.wires
@@ -50,8 +57,13 @@ class Loop:
         if name not in sources:
             raise BadInput(f"no signal is connected to {name!r}: choose one of {', '.join(sorted(sources)) or 'none'}")
         self.name, self.source, self.at, self.title = name, sources[name], at, diagram.name
-        self.system = -linearise(diagram, [name], [self.source], at)
         self.rate = float(diagram.rate)
+        self.system, self.error = None, np.zeros(1)
+        if any(isinstance(block, Device) for block in diagram):
+            self.at = at or START
+            self.frequencies, self.response, self.error = measure(file, diagram, name, self.at, amplitude)
+        else:
+            self.system = -linearise(diagram, [name], [self.source], at)
 
     @cached_property
     def frequencies(self) -> np.ndarray:
@@ -61,6 +73,7 @@ class Loop:
     @cached_property
     def response(self) -> np.ndarray:
         """L at the frequencies, complex."""
+        assert self.system is not None
         return np.ravel(self.system(np.exp(2j * np.pi * self.frequencies / self.rate)))
 
     @cached_property
@@ -73,7 +86,7 @@ class Loop:
         """Margins by name; infinite where the response has no such crossing, NaN for its frequency.
 
         gain (1), gain_frequency (Hz), phase (rad), phase_frequency (Hz), delay (s), distance (1): the least |1 + L|,
-        distance_frequency (Hz), pole (1): the largest |z| of the closed loop
+        distance_frequency (Hz), pole (1): the largest |z| of the closed loop, 0 if it was measured
         """
         control = need("control", "analysis")
         data = control.frd(self.response, 2.0 * np.pi * self.frequencies)
@@ -88,8 +101,13 @@ class Loop:
             "delay": math.radians(phase % 360.0) / float(at_phase) if math.isfinite(at_phase) else math.inf,
             "distance": float(distance),
             "distance_frequency": float(at_distance) / (2.0 * math.pi),
-            "pole": float(np.abs(self.closed.poles()).max(initial=0.0)),
+            "pole": float(np.abs(self.closed.poles()).max(initial=0.0)) if self.system is not None else 0.0,
         }
+
+    @property
+    def linear(self) -> bool:
+        """Whether the error of the response is smaller than its distance from -1, at every frequency."""
+        return bool(self.error.max() < 1.0)
 
     def lines(self) -> list[str]:
         """Return the table of margins."""
@@ -102,11 +120,21 @@ class Loop:
             ("least |1 + L|", "distance_frequency", f"{margins['distance']:.3f}"),
         ]
         lines = [f"{self.title}: loop opened at {self.name}, after {self.source}, at {self.at:g} s, {self.rate:g} Hz"]
-        for title, where, text in rows:
+        for title, where, text in rows if self.linear else ():
             found = math.isfinite(margins[where])
-            lines.append(f"  {title:<15}{text if found else 'none':<10}" + f"at {margins[where]:.3g} Hz" * found)
+            lines.append(f"  {title:<16}{text if found else 'none':<10}" + f"at {margins[where]:.3g} Hz" * found)
+        if self.system is None:
+            largest = int(np.abs(self.response).argmax())
+            rows = ("largest |L|", self.response, largest), ("error of 1 + L", self.error, int(self.error.argmax()))
+            for title, values, index in rows:
+                lines.append(f"  {title:<16}{abs(values[index]):<10.3g}at {self.frequencies[index]:.3g} Hz")
+            if not self.linear:
+                lines.append(
+                    "  margins: none, because the loop does not respond linearly, with this amplitude at this time"
+                )
+            return [*lines, f"  measured in simulation at {len(self.frequencies)} frequencies, with bus and drive"]
         state = "stable" if stable else "unstable: the margins have no meaning"
-        return [*lines, f"  {'closed loop':<15}{state}, largest pole |z| = {margins['pole']:.5f}"]
+        return [*lines, f"  {'closed loop':<16}{state}, largest pole |z| = {margins['pole']:.5f}"]
 
     def draw(self, file: BinaryIO, kind: str = "png") -> None:
         """Write the picture: Bode, Nyquist, and the step response of the closed loop. kind : as of picture.save"""
@@ -127,9 +155,13 @@ class Loop:
         nyquist.plot(np.real(near), np.imag(near), color=picture.BLUE)
         nyquist.plot([-1.0], [0.0], "+", color=picture.ORANGE)
         nyquist.set(xlabel="Re L", ylabel="Im L", xlim=(-2.5, 1.5), ylim=(-2.0, 2.0), aspect="equal")
-        t, y = self.step_response()
-        step.step(t, y, where="post", color=picture.GREEN)
-        step.set(xlabel="time in s", ylabel="closed loop, unit step")
+        if self.system is None:
+            step.semilogx(f, 1.0 / np.abs(1.0 + L), color=picture.GREEN)
+            step.set(xlabel="frequency in Hz", ylabel="sensitivity |1 / (1 + L)|")
+        else:
+            t, y = self.step_response()
+            step.step(t, y, where="post", color=picture.GREEN)
+            step.set(xlabel="time in s", ylabel="closed loop, unit step")
         figure.suptitle(picture.plain(f"{self.title}: {self.name} at {self.at:g} s"), fontsize=10)
         picture.save(figure, file, kind)
 

@@ -12,16 +12,18 @@ from collections import Counter
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 
 import runtime
 from blocks.networks import OnnxModel
 from blocks.sensors import FSR
-from graph import Device
+from graph import Actuator, Device
 from runtime.record.analysis import stride_picture
 from runtime.record.analysis.conditions import conditions
 from runtime.record.analysis.legs import legs
 from runtime.robot.loading.draw import draw_file
 from runtime.robot.loading.file import load
+from runtime.session.loop import Loop
 from tests.checkout import ROOT
 from tests.diagrams import gallery, motions
 from tests.diagrams.robots import HEAVIEST, PROSTHESES, ROBOTS, SUITS, path
@@ -82,6 +84,30 @@ def behaviour(robot):
     )
 
 
+def margins(robot):
+    """Return the table of the margins of each drive of the left leg, or of the only leg, measured in walking."""
+    _, diagram = load(path(robot))
+    drives = [block.path for block in diagram if isinstance(block, Actuator) and not block.path.startswith("right/")]
+    lines = []
+    for loop in (Loop(path(robot), f"{drive}.torque_command") for drive in drives):
+        found = [number(20.0 * np.log10(loop.margins["gain"]), ".0f"), number(loop.margins["distance"], ".2f")]
+        found = found if loop.linear else ["not linear", ""]
+        largest, error = np.abs(loop.response).max(), loop.error.max()
+        lines.append(f"| {loop.name} | {largest:.2f} | {' | '.join(found)} | {error:.3f} |")
+    return (
+        "Loop L of each drive, opened at its command, [measured](../how_to/analysis.md#of-a-robot) in walking, with\n"
+        "the delays of bus and drive:\n\n"
+        "| loop | largest \\|L\\| | gain margin, dB | least \\|1 + L\\| | error of 1 + L |\n|---|--:|--:|--:|--:|\n"
+        + "\n".join(lines)
+        + "\n"
+    )
+
+
+def number(value, form):
+    """Return a margin as text, "none" without one."""
+    return f"{value:{form}}" if np.isfinite(value) else "none"
+
+
 def strides(robot, settings):
     """Return the measured strides of the joints of the left leg, or of the only leg."""
     joints = legs(run(robot, settings), last=STRIDES)
@@ -98,7 +124,7 @@ def run(robot, settings):
 def write(robot):
     """Write the page of a robot."""
     parts = [head(robot)]
-    parts += [work(robot), behaviour(robot)] if robot not in SUITS else []
+    parts += [work(robot), behaviour(robot), margins(robot)] if robot not in SUITS else []
     (FOLDER / f"{robot}.md").write_text("\n".join(parts))
 
 

@@ -246,6 +246,12 @@ def test_page_describes_the_diagram(robot):
     assert f"({robot}.md)" in (pages.FOLDER / "README.md").read_text()
 
 
+@pytest.mark.parametrize("robot", ["hip_exo_teensy", "hip_exo_bilateral"])
+def test_the_margins_on_a_page_are_those_of_its_simulation(robot):
+    pytest.importorskip("control")
+    assert pages.margins(robot) in (pages.FOLDER / f"{robot}.md").read_text(), "run python -m tests.diagrams.pages"
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_drawing_shows_the_devices_of_the_diagram_where_they_are_worn(robot):
     _, diagram = load(path(robot))
