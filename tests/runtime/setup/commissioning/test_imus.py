@@ -72,11 +72,11 @@ def test_two_are_shown_recorded_and_plotted(command_line):
     if viewer:
         seen = vectors(command_line.folder / "out.rrd")
         for sensor in ("imu_3931", "imu_3932"):
-            ticks, accel = seen[f"/{sensor}/accel"]
+            ticks, accel = seen[f"/{sensor}/accel/m_per_s²"]
             assert len(ticks) > 10 and ticks == sorted(ticks) and accel[-1] == pytest.approx([0.0, 0.0, -9.80665])
             assert (
-                seen[f"/{sensor}/quaternion"][1][-1] == pytest.approx([1.0, 0.0, 0.0, 0.0])
-                and len(seen[f"/{sensor}/euler"][1][-1]) == 3
+                seen[f"/{sensor}/quaternion/values"][1][-1] == pytest.approx([1.0, 0.0, 0.0, 0.0])
+                and len(seen[f"/{sensor}/euler/rad"][1][-1]) == 3
             )
 
 
