@@ -99,12 +99,12 @@ const originals = [...scene.querySelectorAll(":scope > path, :scope > circle, .f
 const need = {};
 
 function label(frame, pin) {
-  const inward = pin.side !== "out";
+  const inward = pin.side !== "out", prefix = frame.path.replace(/=\d+/g, "");
   const text = document.createElementNS(NAMESPACE, "text");
   text.setAttribute("class", inward ? "port pin" : "port pin end");
   text.setAttribute("x", pin.x + (inward ? 9 : -9));
   text.setAttribute("y", pin.y + 3.8);
-  text.textContent = pin.side === "enabled" ? "" : inward ? pin.signal : pin.signal.slice(frame.path.length + 1);
+  text.textContent = pin.side === "enabled" ? "" : inward ? pin.signal : pin.signal.slice(prefix.length + 1);
   return text;
 }
 

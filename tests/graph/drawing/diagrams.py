@@ -104,3 +104,17 @@ def wrong():
         Sum("++", name="lonely")(knee.torque)
         CsvRecorder()
     return diagram
+
+
+def walk():
+    """Two legs that are driven by their common velocity: each senses and acts."""
+    with Diagram("walk", rate=100) as diagram:
+        legs = []
+        for side in ("left", "right"):
+            with subsystem(side):
+                legs.append(CubeMars("AK80-9", bus=side, name="knee"))
+        both = Sum("++", name="both")(legs[0].velocity, legs[1].velocity)
+        for side, knee in zip(("left", "right"), legs):
+            with subsystem(side):
+                knee(torque_command=TorqueLimiter(limit=5.0, name="limiter")(Gain(unit="N·m·s/rad")(both)))
+    return diagram

@@ -5,15 +5,13 @@ from itertools import combinations, pairwise
 
 import pytest
 
-from blocks.actuators import CubeMars
 from blocks.discrete import UnitDelay
-from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.sources import Sine
 from graph import Diagram, Signal, subsystem
 from graph.drawing import draw
 from graph.drawing.channels import NEAR
-from tests.graph.drawing.diagrams import by_chance, leg
+from tests.graph.drawing.diagrams import by_chance, leg, walk
 
 SEEDS = range(40)
 
@@ -175,16 +173,7 @@ def test_an_actuator_in_a_loop_is_its_feedback_on_the_left_and_its_command_on_th
 
 
 def test_a_subsystem_that_senses_and_acts_is_split_where_a_signal_returns_to_it():
-    with Diagram("walk", rate=100) as diagram:
-        legs = []
-        for side in ("left", "right"):
-            with subsystem(side):
-                legs.append(CubeMars("AK80-9", bus=side, name="knee"))
-        both = Sum("++", name="both")(legs[0].velocity, legs[1].velocity)
-        for side, knee in zip(("left", "right"), legs):
-            with subsystem(side):
-                knee(torque_command=TorqueLimiter(limit=5.0, name="limiter")(Gain(unit="N·m·s/rad")(both)))
-    drawing = draw(diagram)
+    drawing = draw(walk())
     assert sorted((frame.path, frame.note) for frame in drawing.frames) == [
         ("left", "1 of 2"),
         ("left=2", "2 of 2"),

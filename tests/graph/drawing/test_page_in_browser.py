@@ -4,7 +4,7 @@ import pytest
 
 from graph.drawing import draw, page
 from tests.graph.drawing.browser import browse, needs_browser
-from tests.graph.drawing.diagrams import by_chance, leg, nested
+from tests.graph.drawing.diagrams import by_chance, leg, nested, walk
 
 pytestmark = needs_browser
 
@@ -149,6 +149,19 @@ def test_a_folded_subsystem_hides_its_blocks_and_frees_their_space(ask):
     assert told["folded"]["boxes"] == ["csv_recorder"] and told["folded"]["lines"] == 0
     assert told["folded"]["height"] < 0.6 * told["before"] and told["after"] == told["before"]
     assert told["boxes"] == 6 and told["lines"] == 5
+
+
+def test_a_second_leg_is_folded_until_it_is_opened_and_names_its_signals(ask):
+    told = ask(
+        walk(),
+        """
+        const names = (path) => [...find("frame", path).querySelectorAll(".pin")].map((text) => text.textContent);
+        const before = visible(".box").map((box) => box.dataset.path);
+        choose("right/limiter");
+        return { folded: before, open: [...folded], first: names("right"), second: names("right=2") };""",
+    )
+    assert "right/limiter" not in told["folded"] and {"left/limiter", "right/knee"} <= set(told["folded"])
+    assert (told["open"], told["first"], told["second"]) == ([], ["knee.velocity"], ["both.y"])
 
 
 @pytest.mark.parametrize("seed", [3, 7, 11])
