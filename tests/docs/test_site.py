@@ -4,17 +4,20 @@ import fcntl
 import importlib.util
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
 import threading
 from functools import partial
 from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
 
 from tests.checkout import ROOT
+from tests.diagrams.robots import ROBOTS
 from tests.docs.block_pages import INDEX
 from tests.docs.pages import DOCS, PAGES
 from tests.docs.site import list_versions
@@ -48,6 +51,19 @@ def site():
             by.write_text(session)
     assert (built.returncode, built.stderr) == (0, "")
     return folder / "1.0"
+
+
+def test_a_click_on_the_drawing_of_a_robot_opens_its_page_with_zoom(tmp_path):
+    pytest.importorskip("docutils")
+    draw_robots = runpy.run_path(str(DOCS / "conf.py"))["draw_robots"]
+    draw_robots.__globals__.update(QUICK=False, ROBOTS=["hip_exo_bilateral"])
+    (tmp_path / "_images").mkdir()
+    draw_robots(SimpleNamespace(outdir=tmp_path), None)
+    assert '<svg id="canvas"' in (tmp_path / "_images" / "hip_exo_bilateral.html").read_text()
+    shown = 'picture.alt === "block diagram" ? picture.src.replace(/svg$/, "html")'
+    assert shown in (DOCS / "_static" / "site.js").read_text()
+    for robot in ROBOTS:
+        assert f"![block diagram](images/{robot}.svg)" in (DOCS / "robots" / f"{robot}.md").read_text()
 
 
 @pytest.mark.soak
