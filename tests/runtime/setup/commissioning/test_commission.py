@@ -32,8 +32,18 @@ def ready(bench, name):
 
 
 @pytest.mark.hazard("H4i")
-@pytest.mark.parametrize("end", ["Ctrl-C", "kill -9", "hang-up"])
-def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path, end):
+@pytest.mark.parametrize(
+    "end, step",
+    [
+        ("Ctrl-C", ["torque"]),
+        ("kill -9", ["torque"]),
+        ("hang-up", ["torque"]),
+        ("Ctrl-C", ["home", "--toward", "lower", "--torque", "0.4"]),
+        pytest.param("Ctrl-C", ["dynamics"], marks=pytest.mark.soak),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path, end, step):
     listener = Node()
 
     def finish(terminal):
@@ -46,13 +56,13 @@ def test_a_step_under_torque_that_ends_early_leaves_the_drive_disabled(tmp_path,
     with Benched(tmp_path, 113, {"knee": ("CubeMars", "AK80-9", 3, {}, {})}) as bench:
         ready(bench, "knee")
         listener.start(bench.channel)
-        code, shown = bench.commission("--only", "torque", stop_at=(r"running 0\.", finish))
+        code, shown = bench.commission("--only", *step, stop_at=(r"running 0\.", finish))
         time.sleep(0.5)
         listener.end()
         frames = [data for identifier, extended, data in listener.heard if identifier == 3 and data[0] != 3]
         assert ENABLE in frames, shown
         assert frames[-1] == DISABLE and ENABLE not in frames[frames.index(ENABLE) + 60 :]
-        assert code not in (0, 1) and "torque" not in bench.records()["knee"].steps
+        assert code not in (0, 1) and step[0] not in bench.records()["knee"].steps
         assert 0.0 < bench.torque("knee") <= 0.05 * 9.0
 
 
