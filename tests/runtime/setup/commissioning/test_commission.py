@@ -150,7 +150,7 @@ TORQUE = {
     "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
     "declared": (("CubeMars", "AK80-9", 5, {}, {"drive_timeout": 0.1}), "no time-out"),
     "timeless": (("RobStride", "RS02", 6, {"ignores": ("canTimeout",)}, {}), "setting not kept"),
-    "stiff": (("RobStrideMIT", "RS04", 5, {"wire_stiffness": 5000.0}, {}), "stiffness range"),
+    "stiff": (("RobStrideMIT", "RS04", 10, {"wire_stiffness": 5000.0}, {}), "stiffness range"),
     "deaf": (("RobStride", "RS02", 7, {"timeout_scale": 1e9}, {}), "no time-out"),
     "late": (("RobStride", "RS02", 8, {"timeout_scale": 3.5}, {}), "late time-out"),
 }
