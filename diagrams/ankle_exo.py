@@ -23,7 +23,21 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, stack, subsystem
-from parts import CUFF_LEVER, SIDES, assist, drive, flexion, imu, insole, learned_gait, leg_torque, placed, rates, walk
+from parts import (
+    CUFF_LEVER,
+    SIDES,
+    assist,
+    drive,
+    flexion,
+    imu,
+    insole,
+    learned_gait,
+    leg_torque,
+    ordered,
+    placed,
+    rates,
+    walk,
+)
 from wearer import wearer as plant  # noqa: F401
 
 TRANSMISSION = 3.0  # motor angle over ankle angle
@@ -70,6 +84,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
                 assist(ankle, torque, walking, leg, limit=limit, slew=2000.0)
         placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
+        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
         CsvRecorder()
         PlotJuggler()
     return diagram

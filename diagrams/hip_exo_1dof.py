@@ -10,7 +10,7 @@ of it, delayed and smoothed. (Molinaro et al. 2024) Thighs and insoles decide wh
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, placed, rates, walk
+from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -35,6 +35,7 @@ def build(mass=70.0, scale=0.15, delay=0.15):
         placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
         placed("insoles", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", loads, opposite=True, enable=walking)
+        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
         CsvRecorder()
         PlotJuggler()
     return diagram

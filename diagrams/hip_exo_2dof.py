@@ -13,7 +13,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, placed, rates, walk
+from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -47,6 +47,7 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
         placed("resistors", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "resistors", loads, opposite=True, enable=walking)
         placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
+        ordered(walking, thigh=rates(thighs), shank=rates(shanks), foot=rates(feet))
         CsvRecorder()
         PlotJuggler()
     return diagram

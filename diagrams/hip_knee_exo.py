@@ -13,7 +13,7 @@ from blocks.logic import And, Or
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import PROFILES, SIDES, assist, drive, imu, insole, learned_gait, placed, rates, walk
+from parts import PROFILES, SIDES, assist, drive, imu, insole, learned_gait, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -40,6 +40,7 @@ def build(assistance=1.0):
         placed("thigh IMUs", rates(thighs), "hip drives", rates(drives["hip"]))
         placed("shank IMUs", rates(shanks), "knee drives", rates(drives["knee"]), opposite=True, enable=walking)
         placed("insoles", loads, "shank IMUs", rates(shanks), opposite=True, enable=walking)
+        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
         CsvRecorder()
         PlotJuggler()
     return diagram

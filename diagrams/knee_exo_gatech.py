@@ -15,7 +15,7 @@ from blocks.mathematics import Max, Min
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, placed, rates, walk
+from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 # Torques over the gait phase, N·m: largest extension, and flexion.
@@ -43,6 +43,7 @@ def build(mass=70.0, share=0.3, delay=0.1):
         placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
         placed("insoles", loads, "shank IMUs", shanks, opposite=True, enable=walking)
         placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
+        ordered(walking, thigh=thighs, shank=shanks, foot=feet)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -4,6 +4,7 @@ Angles are flexion of the joint, or of the thigh from upright; positive torque f
 straight stand, with x forward and z down, so that their pitch is the pitch of the segment.
 """
 
+from itertools import pairwise
 from math import pi
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from blocks.gait import (
     ContactEvents,
     GaitState,
     PhaseKalmanFilter,
+    SegmentOrder,
     SensorPlacement,
     ThighEvents,
     TorqueGate,
@@ -176,6 +178,17 @@ def placed(sensors, signals, reference, references, **options):
     monitor = SensorPlacement(sensors, reference, name=f"{sensors.replace(' ', '_')}_placement", **options)
     inputs = signals | {f"{side}_reference": signal for side, signal in references.items()}
     monitor(**inputs, **enable)
+
+
+def ordered(walking, **rates):
+    """End the run if sensors of one leg are exchanged between its segments.
+
+    rates : segments from the hip down, such as thigh={side: Signal}, shank={side: Signal}
+    """
+    for (upper, above), (lower, below) in pairwise(rates.items()):
+        monitor = SegmentOrder(f"{upper} IMU", f"{lower} IMU", name=f"{upper}_{lower}_order")
+        inputs = {f"{side}_{place}": leg[side] for place, leg in (("upper", above), ("lower", below)) for side in leg}
+        monitor(**inputs, enable=walking)
 
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):

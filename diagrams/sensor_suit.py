@@ -11,7 +11,7 @@ it records, and streams to PlotJuggler or Rerun.
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, placed, walk
+from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, ordered, placed, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -26,6 +26,7 @@ def build(mass=70.0):
         placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
         placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
         placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
+        ordered(walking, thigh=thighs, shank=shanks, foot=feet)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -10,7 +10,7 @@ The suit has no actuator: it records, and streams to PlotJuggler or Rerun. Its c
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, flexion, gait, imu, insole, placed, walk
+from parts import SIDES, flexion, gait, imu, insole, ordered, placed, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -23,6 +23,7 @@ def build():
         thighs, shanks, loads = ({side: signals[place] for side, (_, signals) in legs.items()} for place in range(3))
         placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
         placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
+        ordered(walking, thigh=thighs, shank=shanks)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -67,3 +67,35 @@ class SensorPlacement(Block):
         return (
             f"the {side} one of the {self.sensors} does not move with the {self.reference}: turn it as in the diagram"
         )
+
+
+class SegmentOrder(Block):
+    """Fault of inertial sensors of one leg that are exchanged between two of its segments.
+
+    In walking, a lower segment turns faster. In means over 1 s, the variance of the rate of a shank is at least 1.38
+    times that of the thigh, and that of a foot 1.34 times that of the shank, in three recorded adults and in walkers
+    from 0.5 to 1.9 m/s. The run ends with a fault that names the sensors after 0.2 s in which that of the lower segment
+    is less than 0.85 times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. With one
+    leg, leave the inputs of the right one unconnected. Limits: a knee or ankle that is locked is just within the limit.
+    NaN and infinity are not stored.
+    """
+
+    upper = Param("thigh IMU", "1", "name of the sensors on the upper segments in the fault", dtype=str)
+    lower = Param("shank IMU", "1", "name of the sensors on the lower segments in the fault", dtype=str)
+
+    left_upper = Input("rad/s", "rate of the upper segment of the left leg")
+    right_upper = Input("rad/s", "the same of the right leg", default=0.0)
+    left_lower = Input("rad/s", "rate of the lower segment of the left leg")
+    right_lower = Input("rad/s", "the same of the right leg", default=0.0)
+    enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
+    moments = Memory((0.0,) * 9, "means and mean squares of the rates, time of the wrong order")
+
+    kernel = kernels.segment_order
+
+    def fault_text(self, status: int) -> str:
+        """Return which sensors are misplaced, and what to do."""
+        side = ("left", "right")[status - 64]
+        return (
+            f"the {self.upper} of the {side} leg turns faster than its {self.lower}: they are exchanged, or one is "
+            "turned or on the other leg. Exchange them, or their serial numbers in the diagram"
+        )

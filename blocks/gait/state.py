@@ -21,9 +21,10 @@ class GaitState(Block):
     Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s, and each
     leg has been faster than the limit within 1.5 s; at 0.15 to 1.9 m/s a thigh or knee pauses for 1.2 s at most. Any
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
-    stands, or a stumble, in which the phases of both legs lead the clocks of their last strides, and those of their mean
-    strides, by amounts that differ by more than 18 % of a stride, or 2.2 times the usual difference up to 24 %. A
-    stumble ends when each leg has taken a stride as long as those before within a fifth. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
+    stands, or a stumble, in which the leads of the phases of both legs over the clocks of their last strides, and over
+    those of their mean strides, differ by more than 18 % of a stride, or by 2.2 times the usual difference up to 24 %.
+    A stumble ends when each leg has taken a stride as long as those before within a fifth. The confidence is 1 in
+    standing and 1 − deviation / tolerance in walking.
 
     Walking is forward: a leg swings forward faster than it turns back over the ground. Each of these numbers, from
     means over 0.9 strides, is positive in walking forward and negative in walking backward:

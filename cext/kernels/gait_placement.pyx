@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Sensors of the left and the right leg that are exchanged, upside down or turned."""
+"""Sensors of the legs that are exchanged, upside down or turned."""
 
 from libc.math cimport NAN, sqrt
 from libc.stdint cimport int32_t
@@ -109,4 +109,42 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     return status if m[WRONG] > FAULT_TIME else OK
 
 
+cdef enum:                              # statuses
+    LEFT_ORDER = FIRST_OWN_STATUS
+    RIGHT_ORDER = FIRST_OWN_STATUS + 1
+
+cdef double ORDER_TIME = 1.0            # s, time constant of the variances
+cdef double ORDER_SHARE = 0.85          # of the variance of the upper segment
+
+
+cdef struct Order:
+    int32_t left_upper, right_upper, left_lower, right_lower, enable
+    int32_t moments             # means, then mean squares, of the inputs in their order; s of the wrong order
+
+ORDER = items((<Order *>ITEMS)[0], "moments[9]")
+
+
+cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexcept nogil:
+    cdef double *m = arena + at.moments
+    cdef double x[4]
+    cdef double share = min(1.0, arena[DT] / ORDER_TIME)
+    cdef int i
+    cdef int status = OK
+    x[0] = arena[at.left_upper]
+    x[1] = arena[at.right_upper]
+    x[2] = arena[at.left_lower]
+    x[3] = arena[at.right_lower]
+    if not is_finite(x[0] + x[1] + x[2] + x[3]) or arena[at.enable] != arena[at.enable]:
+        return OK
+    for i in range(4):
+        m[i] += share * (x[i] - m[i])
+        m[4 + i] += share * (x[i] * x[i] - m[4 + i])
+    for i in range(2):
+        if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < ORDER_SHARE * (m[4 + i] - m[i] * m[i]):
+            status = RIGHT_ORDER if i else LEFT_ORDER
+    m[8] = m[8] + arena[DT] if status != OK and arena[at.enable] != 0.0 else 0.0
+    return status if m[8] > FAULT_TIME else OK
+
+
+segment_order = export(<kernel_t>order_kernel, ORDER)
 placement = export(<kernel_t>placement_kernel, PLACEMENT)

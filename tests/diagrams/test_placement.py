@@ -1,5 +1,8 @@
 """Sensors of the wearer that are exchanged between the legs: a fault before torque acts in full."""
 
+from itertools import combinations
+
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -8,6 +11,7 @@ from tests.blocks.running import run
 from tests.diagrams.robots import path
 
 SIDES = ("left", "right")
+ANKLE = ("left/shank_imu", "left/foot_imu")
 THIGHS, SHANKS, FEET = (f"{segment} IMUs" for segment in ("thigh", "shank", "foot"))
 # Devices of each leg of a robot, and what the fault calls them.
 PLACED = {
@@ -51,6 +55,32 @@ def test_exchanged_sensors_end_the_run_before_the_torque_is_full(robot, device, 
     assert f"the {name} of left and right are exchanged" in text or f"or the {name}:" in text
     walking = trial.time[trial["state.walking"] > 0.0]
     assert not len(walking) or trial.time[-1] - walking[0] < 0.3  # s, of the 0.5 s in which torque fades in
+
+
+SEGMENTS = ("thigh_imu", "shank_imu", "foot_imu")
+# Every pair of inertial sensors that is not the same segment of both legs; one is quick.
+ACROSS = [
+    pytest.param(robot, *pair, marks=() if (robot, *pair) == ("hip_exo_2dof", *ANKLE) else pytest.mark.soak)
+    for robot, devices in PLACED.items()
+    for pair in combinations([f"{side}/{name}" for side in SIDES for name in SEGMENTS if name in devices], 2)
+    if pair[0].partition("/")[2] != pair[1].partition("/")[2]
+]
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("robot, one, two", ACROSS)
+def test_exchanged_sensors_of_two_segments_end_the_run_or_no_torque_acts(robot, one, two):
+    file, diagram = load(path(robot))
+    plant = build_plant(file, diagram)
+    other = {plant[one]: plant[two], plant[two]: plant[one]}
+    plant.wires[:] = [replace(wire, block=other.get(wire.block, wire.block)) for wire in plant.wires]
+    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
+    torques = [values for name, values in trial.signals.items() if name.endswith(".torque_sent")]
+    acts = np.any(np.abs(torques) > 0.25, axis=0).sum() / diagram.rate if torques else 0.0  # s
+    if trial.outcome.status == "ok":  # the network of ankle_exo does not find a gait
+        assert robot == "ankle_exo" and acts == 0.0
+    else:
+        assert trial.outcome.status.startswith("kernel status") and acts < 0.75
 
 
 @pytest.mark.hazard("H12f")

@@ -142,6 +142,15 @@ SHOWN = {
             "velocity": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
         },
     ),
+    "SegmentOrder": Shown(
+        {},
+        {
+            "left_upper": "walker.left_thigh_motion[7]",
+            "right_upper": "walker.right_thigh_motion[7]",
+            "left_lower": "walker.left_shank_motion[7]",
+            "right_lower": "walker.right_shank_motion[7]",
+        },
+    ),
     "SensorPlacement": Shown(
         {"sensors": "thigh IMUs", "reference": "hip drives"},
         {

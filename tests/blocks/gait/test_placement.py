@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blocks.gait import SensorPlacement
+from blocks.gait import SegmentOrder, SensorPlacement
 from graph import Diagram
 from runtime.setup.bench.gait import play
 from runtime.setup.bench.gait_recordings import legs
@@ -50,3 +50,22 @@ def test_correct_sensors_agree_and_a_disabled_comparison_reports_nothing():
     assert trial.outcome.status == "ok" and trial["monitor.agreement"][200:].min() > 0.99
     _, trial = compared(MISPLACED["exchanged"][0], enable=False)
     assert trial.outcome.status == "ok" and trial["monitor.agreement"][200:].max() < -0.99
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("exchanged", [None, "left", "right"])
+def test_a_thigh_that_turns_faster_than_its_shank_is_a_fault(exchanged):
+    rates = {}
+    for leg in legs(shared("gait/healthy_young.csv"), {}):
+        signals = play(leg, "steady", RATE).signals
+        pair = [signals["thigh_velocity"], signals["shank_velocity"]]
+        rates[f"{leg.name}_upper"], rates[f"{leg.name}_lower"] = pair[::-1] if leg.name == exchanged else pair
+    with Diagram("order", RATE) as diagram:
+        SegmentOrder(name="monitor")(**{name: player(values, "rad/s") for name, values in rates.items()})
+    trial = run(diagram, int(20.0 * RATE))
+    if exchanged is None:
+        assert trial.outcome.status == "ok"
+    else:
+        status = 64 + ("left", "right").index(exchanged)
+        assert trial.outcome.status == f"kernel status {status}" and trial.time[-1] < 2.0
+        assert f"thigh IMU of the {exchanged} leg" in diagram["monitor"].fault_text(status)
