@@ -179,7 +179,7 @@ def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float
                 torque &= Interval(-bound.limit, bound.limit)
             if bound is not None and bound.kind == "proved" and actuator.path in proved:
                 command = proved[actuator.path].interval
-                torque = command if command.low < command.high else torque
+                torque = torque & command if command.low < command.high else torque  # a subject may have less
             ranges |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
         if span := getattr(actuator, "range", ()):
             ranges[f"{actuator.path}.position"] = tuple(span)
