@@ -95,6 +95,27 @@ class Panel(Sink):
         return not virtual
 
 
+class Lsl(Sink):
+    """Lab Streaming Layer: a stream with the connected signals, or all, and one with events and marks.
+
+    LabRecorder writes both to an XDF file, beside those of other devices. The second one is called `NAME events` and is
+    of the type Markers. Every computer in the network can receive them. A run in virtual time sends nothing.
+
+    Requires liblsl: `pip install 'tickwork[lsl]'`.
+    """
+
+    stream = Param("", "1", "name of the stream; that of the diagram by default", dtype=str)
+    signals = Param(
+        "", "1", "signals, blocks or subsystems to send, such as left/knee.torque, right, */imu.accel; all by default"
+    )
+    decimation = Param(1, "1", "one in this many ticks is sent", min=1, max=10_000, fixed=True)
+
+    service = "lsl"
+
+    def is_active(self, virtual: bool) -> bool:
+        return not virtual
+
+
 class Rerun(Sink):
     """Rerun viewer: one plot per subsystem with its limits, limbs in 3-D, faults as text.
 

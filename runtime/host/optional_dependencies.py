@@ -19,6 +19,7 @@ EXTRAS = {
     "optuna": "optimise",
     "pandas": "tables",
     "pyarrow": "parquet",
+    "pyxdf": "lsl",
     "rerun": "rerun",
     "scipy": "matlab",
 }

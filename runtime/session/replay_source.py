@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from runtime.robot.loading.subject import Subject
 
 READ_SIZE = 1 << 20  # bytes
-SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:Panel", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
+SINKS = ("blocks.recorders:CsvRecorder", *(f"blocks.sinks:{name}" for name in ("Lsl", "Panel", "PlotJuggler", "Rerun")))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,148 @@
+"""liblsl, the library of the Lab Streaming Layer (https://labstreaminglayer.org), called by ctypes and without NumPy.
+
+Its clock is CLOCK_MONOTONIC of the computer. Its functions are those of the header lsl_c.h.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from ctypes import CDLL, POINTER, byref, c_char_p, c_double, c_int32, c_ulong, c_void_p
+from ctypes.util import find_library
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from runtime.host.optional_dependencies import MissingExtra
+
+DOUBLE, STRING = 2, 3  # formats of channels
+BUFFER = 60  # s of samples that are kept for a receiver which reads too slowly
+BUNDLED = {"pylsl": "lib", "mne_lsl": "lsl/lib"}  # package: its folder with the library, if its wheel has one
+CONFIGURATIONS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")  # in which liblsl looks
+QUIET = b"[log]\nlevel = -2\n"  # errors only
+
+_TEXTS = (c_char_p, c_char_p)
+_SIGNATURES = {
+    "lsl_append_child": (c_void_p, c_void_p, c_char_p),
+    "lsl_append_child_value": (c_void_p, c_void_p, *_TEXTS),
+    "lsl_child": (c_void_p, c_void_p, c_char_p),
+    "lsl_child_value_n": (c_char_p, c_void_p, c_char_p),
+    "lsl_create_inlet": (c_void_p, c_void_p, c_int32, c_int32, c_int32),
+    "lsl_create_outlet": (c_void_p, c_void_p, c_int32, c_int32),
+    "lsl_create_streaminfo": (c_void_p, *_TEXTS, c_int32, c_double, c_int32, c_char_p),
+    "lsl_destroy_inlet": (None, c_void_p),
+    "lsl_destroy_outlet": (None, c_void_p),
+    "lsl_destroy_streaminfo": (None, c_void_p),
+    "lsl_get_channel_count": (c_int32, c_void_p),
+    "lsl_get_desc": (c_void_p, c_void_p),
+    "lsl_get_fullinfo": (c_void_p, c_void_p, c_double, POINTER(c_int32)),
+    "lsl_get_hostname": (c_char_p, c_void_p),
+    "lsl_get_source_id": (c_char_p, c_void_p),
+    "lsl_have_consumers": (c_int32, c_void_p),
+    "lsl_local_clock": (c_double,),
+    "lsl_next_sibling_n": (c_void_p, c_void_p, c_char_p),
+    "lsl_open_stream": (None, c_void_p, c_double, POINTER(c_int32)),
+    "lsl_pull_chunk_d": (
+        c_ulong, c_void_p, POINTER(c_double), POINTER(c_double), c_ulong, c_ulong, c_double, POINTER(c_int32)
+    ),
+    "lsl_pull_sample_d": (c_double, c_void_p, POINTER(c_double), c_int32, c_double, POINTER(c_int32)),
+    "lsl_push_chunk_dtnp": (c_int32, c_void_p, c_void_p, c_ulong, c_void_p, c_int32),
+    "lsl_push_sample_strtp": (c_int32, c_void_p, POINTER(c_char_p), c_double, c_int32),
+    "lsl_resolve_byprop": (c_int32, POINTER(c_void_p), c_int32, *_TEXTS, c_int32, c_double),
+    "lsl_set_config_content": (None, c_char_p),
+    "lsl_time_correction": (c_double, c_void_p, c_double, POINTER(c_int32)),
+}  # fmt: skip
+
+
+def candidates() -> Iterator[str]:
+    """Yield where the library can be, in the order in which it is tried."""
+    if named := os.environ.get("PYLSL_LIB"):
+        yield named
+    for package, folder in BUNDLED.items():
+        spec = find_spec(package)
+        for place in (spec.submodule_search_locations or ()) if spec is not None else ():
+            yield from map(str, sorted(Path(place, folder).glob("liblsl.so*")))
+    if installed := find_library("lsl"):
+        yield installed
+
+
+@cache
+def load(purpose: str = "the Lab Streaming Layer") -> CDLL:
+    """Load the library. Raises MissingExtra. purpose : what needs it, as the beginning of a sentence"""
+    reason = "none is installed"
+    for path in candidates():
+        try:
+            library = CDLL(path)
+            for name, (result, *arguments) in _SIGNATURES.items():
+                function = getattr(library, name)
+                function.restype, function.argtypes = result, arguments
+        except (OSError, AttributeError) as error:
+            reason = str(error)
+            continue
+        if not os.environ.get("LSLAPICFG") and not any(Path(file).expanduser().exists() for file in CONFIGURATIONS):
+            library.lsl_set_config_content(QUIET)
+        return library
+    raise MissingExtra(
+        f"{purpose} needs liblsl ({reason}): pip install 'tickwork[lsl]'; on a Raspberry Pi also "
+        "pip install --no-deps mne-lsl, whose wheel contains it"
+    )
+
+
+class Outlet:
+    """Outlet of a stream, which sends to every receiver in the network.
+
+    name, kind, source : name, content type and source_id of the stream. A receiver continues with a new outlet of the
+        same source
+    channels : (label, unit) of each channel
+    rate : Hz, 0 for irregular samples
+    texts : whether the channels are texts instead of doubles
+    about : further (name, text) of the description
+
+    Raises MissingExtra or OSError.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        source: str,
+        channels: Sequence[tuple[str, str]],
+        rate: float = 0.0,
+        texts: bool = False,
+        about: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        self.library = library = load("an outlet")
+        width, form = len(channels), STRING if texts else DOUBLE
+        info = library.lsl_create_streaminfo(name.encode(), kind.encode(), width, rate, form, source.encode())
+        try:
+            description = library.lsl_get_desc(info)
+            listed = library.lsl_append_child(description, b"channels")
+            for label, unit in channels:
+                channel = library.lsl_append_child(listed, b"channel")
+                for key, text in (("label", label), ("unit", unit), ("type", kind)):
+                    library.lsl_append_child_value(channel, key.encode(), text.encode())
+            acquisition = library.lsl_append_child(description, b"acquisition")
+            for key, text in about:
+                library.lsl_append_child_value(acquisition, key.encode(), text.encode())
+            self.handle = library.lsl_create_outlet(info, 0, BUFFER)
+        finally:
+            library.lsl_destroy_streaminfo(info)
+        if not self.handle:
+            raise OSError(0, f"liblsl cannot open an outlet {name!r}: check that this computer has a network interface")
+
+    def push(self, values: bytes, stamps: bytes) -> None:
+        """Send samples. values : doubles of each sample; stamps : double of each sample, s of the clock of LSL"""
+        self.library.lsl_push_chunk_dtnp(self.handle, values, len(values) // 8, stamps, 1)
+
+    def push_text(self, text: str, stamp: float) -> None:
+        """Send a sample of one text. stamp : s of the clock of LSL"""
+        self.library.lsl_push_sample_strtp(self.handle, byref(c_char_p(text.encode())), stamp, 1)
+
+    @property
+    def has_receivers(self) -> bool:
+        """Whether a receiver is connected."""
+        return bool(self.library.lsl_have_consumers(self.handle))
+
+    def close(self) -> None:
+        """Close the outlet."""
+        self.library.lsl_destroy_outlet(self.handle)
