@@ -30,11 +30,25 @@ def main(arguments: Sequence[str]) -> int:
         "--amplitude", type=float, metavar="A", help="largest value added to a command (default: a tenth of its limit)"
     )
     parser.add_argument(
+        "--tune", metavar="GAINS", help="vary these parameters, such as pid.kp,pid.ki, for the least mean sensitivity"
+    )
+    parser.add_argument(
+        "--distance", type=float, default=0.6, metavar="D", help="least |1 + L| of a tuned loop (default: 0.6)"
+    )
+    parser.add_argument(
         "-o", "--output", type=Path, metavar="NAME", help="picture file (default: the diagram's name with _loop.png)"
     )
     options = parser.parse_args(arguments)
     drawing.check(options.output)
-    loop = Loop(options.file, options.loop, options.at, options.settings, options.amplitude)
+    if options.tune:
+        from runtime.session.loop_tuning import tune
+
+        names = [name.strip() for name in options.tune.split(",")]
+        given = options.distance, options.at, options.settings, options.amplitude
+        loop, gains = tune(options.file, options.loop, names, *given)
+        print_lines(["tuned: " + " ".join(f"--set {name}={value:g}" for name, value in gains.items())])
+    else:
+        loop = Loop(options.file, options.loop, options.at, options.settings, options.amplitude)
     print_lines(loop.lines())
     output = options.output or Path(f"{options.file.stem}_loop.png")
     print_lines([f"picture: {drawing.write(loop.draw, output, '')}"])

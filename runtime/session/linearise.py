@@ -187,8 +187,8 @@ class Model:
         found = np.zeros(len(self.arena), bool)
         for shift in (0.0, SHIFT):
             before = self.arena.copy()
-            before[start:] += shift
-            before[self.inputs] += shift
+            before[start:] += shift * np.linspace(1.0, 2.0, len(before) - start)  # not an equilibrium by chance
+            before[self.inputs] += 3.0 * shift
             for place in (*self.working, *(place for *_, place, _ in self.rings)):
                 before[place] = self.arena[place]
             found |= before != run(self.schedule, before, 1)

@@ -102,6 +102,38 @@ def test_the_command_prints_the_margins_and_draws_them(tmp_path, command_line):
     )
 
 
+@pytest.mark.soak
+def test_a_gain_is_tuned_to_the_distance_and_beyond_reach_it_is_an_error(tmp_path, command_line):
+    """A damped mass behind three ticks: the least sensitivity has the highest gain that keeps the distance."""
+    file = tmp_path / "swing.py"
+    file.write_text(
+        "from blocks.continuous import MassSpringDamper\nfrom blocks.discrete import Delay\n"
+        "from blocks.mathematics import Gain\nfrom graph import Diagram\n"
+        "with Diagram('swing', rate=200) as diagram:\n    mass = MassSpringDamper(damping=1.0, name='mass')\n"
+        "    mass(force=Gain(-5.0, unit='N/m', name='gain')(Delay(3)(mass.position)))\n"
+    )
+    words = ("analyse", str(file), "--loop", "mass.force", "--tune", "gain.gain", "-o", str(tmp_path / "loop.svg"))
+    code, out, err = command_line(*words)
+    assert (code, err) == (0, "")
+    gain = -float(out.split("gain.gain=")[1].split()[0])
+    plant = control.sample_system(control.tf(1.0, [1.0, 1.0, 0.0]), 1.0 / RATE, "zoh")
+    z = np.exp(2j * np.pi * np.geomspace(0.01, 99.0, 20000) / RATE)
+    nearest = np.abs(1.0 + gain * plant(z) * z**-3).min()
+    assert gain < 5.0 and nearest == pytest.approx(0.6, abs=0.01)
+    for given, said in (("gain.gian", "name a parameter"), ("mass.start", "other than 0")):
+        assert said in command_line.refused(*words[:5], given)
+    assert "above 0 and below 1" in command_line.refused(*words, "--distance", "1.5")
+
+
+def test_a_state_that_rests_where_its_memory_is_shifted_is_a_state():
+    """Mass and damping of 1: a force of d v keeps the velocity."""
+    with Diagram("loop", rate=RATE) as diagram:
+        mass = MassSpringDamper(damping=1.0, name="mass")
+        mass(force=Gain(-9.0, unit="N/m")(mass.position))
+    system = runtime.linearise(diagram, ["mass.force"], ["mass.position"])
+    assert system.nstates == 2 and sorted(np.abs(system.poles())) == pytest.approx([math.exp(-1.0 / RATE), 1.0])
+
+
 class Counting(Block):
     """A block with state in Python."""
 
