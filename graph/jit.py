@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from cext.kernel import Kernel
 from graph.class_checks import CLOCK
 from graph.declarations import Memory
+from graph.syntax import parse
 
 if TYPE_CHECKING:
     from ast import AST, Attribute, FunctionDef, Module, Name, Return, stmt
@@ -120,7 +121,7 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
         source = textwrap.dedent(inspect.getsource(method))
     except OSError:
         raise CannotCompile(f"cannot read the source of {method.__qualname__}: define the class in a file") from None
-    function = ast.parse(source).body[0]
+    function = parse(source).body[0]
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
     rewritten = Rewriter(block, slots, outputs, [a.arg for a in function.args.args[1:]]).kernel(function)
@@ -166,7 +167,7 @@ class Rewriter(ast.NodeTransformer):
     def kernel(self, function: FunctionDef) -> Module:
         """Return the module with the kernel of a method, as a syntax tree. Raises CannotCompile."""
         reads = [statement for name in self.arguments for statement in self.read(name)]
-        tree = ast.parse(f"def kernel(arena, slots, sizes):\n    return {NO_VALUE if self.outputs else 0}")
+        tree = parse(f"def kernel(arena, slots, sizes):\n    return {NO_VALUE if self.outputs else 0}")
         self.generic_visit(body := ast.Module(function.body, []))
         kernel = tree.body[0]
         assert isinstance(kernel, ast.FunctionDef)
@@ -177,13 +178,13 @@ class Rewriter(ast.NodeTransformer):
         """Return the statements that read an argument of the method from the arena."""
         if name in CLOCK and name not in self.block.inputs:
             value = f"arena[{CLOCK[name]}]"
-            return ast.parse(f"{name} = int({value})" if name == "tick" else f"{name} = {value}").body
+            return parse(f"{name} = int({value})" if name == "tick" else f"{name} = {value}").body
         value = f"arena[slots[{self.slots[name]}]]"
         dtype = (self.block.inputs | self.block.outputs)[name].dtype
         if dtype == "float":
-            return ast.parse(f"{name} = {value}").body
+            return parse(f"{name} = {value}").body
         converted = f"{value} != 0.0" if dtype == "bool" else f"int({value})"
-        return ast.parse(f"{self.unless(f'{value} - {value} == 0.0', name)}\n{name} = {converted}").body
+        return parse(f"{self.unless(f'{value} - {value} == 0.0', name)}\n{name} = {converted}").body
 
     def unless(self, condition: str, name: str) -> str:
         """Return the statement that ends the run with the status of a port. condition : condition that must hold"""
@@ -201,7 +202,7 @@ class Rewriter(ast.NodeTransformer):
             low, high = float(port.range.low), float(port.range.high)
             lines += [self.unless(f"not {result} < {low!r}", name)] if low > -math.inf else []  # NaN passes
             lines += [self.unless(f"not {result} > {high!r}", name)] if high < math.inf else []
-        return ast.parse("\n".join(lines)).body
+        return parse("\n".join(lines)).body
 
     def visit_Attribute(self, node: Attribute) -> AST:
         """Replace an attribute of self by its slot in the arena."""
@@ -212,7 +213,7 @@ class Rewriter(ast.NodeTransformer):
                 f"line {node.lineno} of the method uses self.{node.attr}, which is neither a parameter nor a "
                 "number that reset() sets"
             )
-        place = ast.parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
+        place = parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
         assert isinstance(place, ast.Subscript)
         place.ctx = node.ctx
         return ast.copy_location(place, node)
@@ -242,8 +243,8 @@ class Rewriter(ast.NodeTransformer):
             stores += self.checks(name, f"result_{index}")
         for index, name in enumerate(self.outputs):
             place = f"slots[{self.slots[name]}]" if rates is None else f"slots[{rates}] + {index}"
-            stores.append(ast.parse(f"arena[{place}] = result_{index}").body[0])
-        return [*stores, ast.parse("return 0").body[0]]
+            stores.append(parse(f"arena[{place}] = result_{index}").body[0])
+        return [*stores, parse("return 0").body[0]]
 
     def visit_Name(self, node: Name) -> Name:
         """Reject uses of self other than its attributes."""

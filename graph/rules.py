@@ -14,6 +14,7 @@ from typing import Any
 
 from cext.rules import Rule, Side
 from graph.interval import EVERYTHING, Interval
+from graph.syntax import parse
 
 DT = "dt"
 WORDS: dict[type[ast.cmpop], str] = {ast.LtE: "at most", ast.Lt: "below", ast.GtE: "at least", ast.Gt: "above"}
@@ -33,7 +34,7 @@ def rules_of(kind: type[Any]) -> list[Rule]:
 def parse_rules(kind: Any, text: str) -> list[Rule]:
     """Return the rules of a text, one for each comparison of a chain. Raises TypeError."""
     try:
-        tree = ast.parse(text, mode="eval").body
+        tree = parse(text, mode="eval").body
     except (SyntaxError, TypeError):
         tree = None
     if not isinstance(tree, ast.Compare) or not all(type(operator) in WORDS for operator in tree.ops):
@@ -74,7 +75,7 @@ def held_bounds_of(kind: Any, held_within: Mapping[str, tuple[str, str]]) -> dic
     for name, texts in held_within.items():
         if name not in kind.outputs and name not in kind.memory:
             raise TypeError(f"held_within: {name!r} is neither an output nor memory of the class")
-        low, high = (side_of(kind, text, ast.parse(text, mode="eval").body) for text in texts)
+        low, high = (side_of(kind, text, parse(text, mode="eval").body) for text in texts)
         bounds[name] = low, high
     return bounds
 

@@ -14,6 +14,7 @@ from importlib.util import resolve_name
 from pathlib import Path
 
 from graph.sha256 import sha256
+from graph.syntax import parse
 from runtime.host import diagram_folders
 
 OWN = ("cext", "graph", "blocks", "runtime")
@@ -92,7 +93,7 @@ def _find(name: str, folder: str) -> ModuleSpec | None:
 def _imports(source: bytes, package: str) -> Iterator[str]:
     """Yield the names of the modules that a source may import. package : package to which its relative imports refer"""
     try:
-        tree = ast.parse(source)
+        tree = parse(source)
     except (SyntaxError, ValueError):  # running it reports that
         return
     for node in ast.walk(tree):
