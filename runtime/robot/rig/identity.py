@@ -1,6 +1,6 @@
 """Serial numbers and firmware that the units of a rig report now, for comparison with their records.
 
-No motor is enabled, and none keeps its torque: a RobStride reports its firmware in the reply to a stop.
+No motor is enabled, and none keeps its torque: some drives report their firmware in the reply to a stop.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from runtime.setup.commissioning.guided.identification import Dynamics, Estimate
 from runtime.setup.commissioning.guided.scripted import REST_TIME, Found, Open, ScriptedProbe
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 CHIRP_TIME, FASTEST, SLOWEST = 16.0, 8.0, 0.4  # s, Hz
@@ -50,7 +51,7 @@ class DynamicsProbe(ScriptedProbe):
         super().reset()
         self.legs = []
 
-    def sequence(self):
+    def sequence(self) -> Iterator[float]:
         """Yield the torque of each tick."""
         yield from self.rest()
         self.middle, self.begin = self.at, len(self.rows)
@@ -75,7 +76,7 @@ class DynamicsProbe(ScriptedProbe):
             for sign in (1.0, -1.0):
                 yield from self.leg(joint, sign * speed)
 
-    def swing(self):
+    def swing(self) -> Iterator[float]:
         """Yield the torque of the chirp."""
         half, amplitude, phase = 0.5 * self.travel, 0.0, 0.0
         for tick in range(round(CHIRP_TIME / self.dt)):
@@ -96,7 +97,7 @@ class DynamicsProbe(ScriptedProbe):
             else:
                 yield amplitude * math.sin(phase) - CENTRING * self.largest * away / half
 
-    def leg(self, joint, speed):
+    def leg(self, joint: Dynamics, speed: float) -> Iterator[float]:
         """Yield the torque of a motion at a constant speed in rad/s, to the end of the travel or for LEG_TIME."""
         sign, begin = math.copysign(1.0, speed), len(self.rows)
         gain, integral = joint.inertia.value / RESPONSE, 0.0

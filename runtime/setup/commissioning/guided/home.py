@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graph import Param
 from runtime.host.console.terminal import print_lines
@@ -31,6 +31,9 @@ from runtime.setup.commissioning.guided.driven import (
     run_on_rig,
 )
 from runtime.setup.commissioning.guided.scripted import REST_TIME, Found, ScriptedProbe
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator
 
 AWAY = 0.12  # rad, motion away from the stop
 RISE_TIME = 1.0  # s in which the torque of a joint that stands grows to its limit
@@ -77,7 +80,7 @@ class HomingProbe(ScriptedProbe):
         super().reset()
         self.stops, self.running, self.moved = [], 0.0, False
 
-    def sequence(self):
+    def sequence(self) -> Iterator[float]:
         """Yield the torque of each tick."""
         yield from self.rest()
         begin, away, reach = self.at, -self.direction, self.travel
@@ -102,7 +105,7 @@ class HomingProbe(ScriptedProbe):
                     "the stop: the encoder or the joint is stuck",
                 )
 
-    def move(self, sign, distance):
+    def move(self, sign: float, distance: float) -> Generator[float, None, bool]:
         """Yield the torque of a motion. Returns whether the speed collapsed before the distance in rad was covered."""
         begin, command, held = self.at, 0.0, 0
         growth = self.largest * self.dt / RISE_TIME

@@ -54,7 +54,7 @@ class ScriptedProbe(Probe):
             self.left_open, self.ended = str(reason), True
         return command, command / self.constant, self.ended
 
-    def watch(self):
+    def watch(self) -> None:
         """Raise Found if the joint is too fast, by its velocity or by its position."""
         recent = self.rows[-SPEED_WINDOW - 1 :]
         derived = abs(recent[-1][0] - recent[0][0]) / max(1, len(recent) - 1) / self.dt
@@ -68,7 +68,7 @@ class ScriptedProbe(Probe):
         """Yield the torque of each tick. Raises Found or Open to end the run."""
         raise NotImplementedError
 
-    def rest(self):
+    def rest(self) -> Iterator[float]:
         """Yield no torque for REST_TIME. Raises Open if the joint does not rest."""
         for _ in range(round(REST_TIME / self.dt)):
             yield 0.0
