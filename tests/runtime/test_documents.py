@@ -156,7 +156,7 @@ def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
         for line in (RECORDINGS + PLOTJUGGLER).splitlines()
         if line.startswith("    python -m runtime ")
     ]
-    assert len(commands) == 12
+    assert len(commands) == 13
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
     walk = finished(KNEE_EXO, "--fast", "--duration", "12", "--trial", "mass=72", "--record", "walk", cwd=tmp_path)
     assert walk.returncode == OK, walk.stderr
