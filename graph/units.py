@@ -28,6 +28,7 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
     "mm": (1e-3, {"m": 1}),
     "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
     "mV": (1e-3, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "µV": (1e-6, {"kg": 1, "m": 2, "s": -3, "A": -1}),
     "A": (1.0, {"A": 1}),
     "mA": (1e-3, {"A": 1}),
     "Ω": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
@@ -52,6 +53,7 @@ _BASE: dict[str, tuple[float, dict[str, int]]] = {
 _ORDER = {symbol: index for index, symbol in enumerate(_BASE)}
 _SPELLINGS = {
     "uT": "µT",
+    "uV": "µV",
     "us": "µs",
     "degC": "°C",
     "C": "°C",

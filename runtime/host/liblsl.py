@@ -9,17 +9,24 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from ctypes import CDLL, POINTER, byref, c_char_p, c_double, c_int32, c_ulong, c_void_p
 from ctypes.util import find_library
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from runtime.host.optional_dependencies import MissingExtra
 
 DOUBLE, STRING = 2, 3  # formats of channels
 BUFFER = 60  # s of samples that are kept for a receiver which reads too slowly
+RESOLVE_TIME = 2.0  # s, in which the outlets of the network answer
+OPEN_TIMEOUT = 5.0  # s
+CORRECTION_TIMEOUT = 2.0  # s
+CHUNK = 1024  # samples
+LOST = -2  # error code
 BUNDLED = {"pylsl": "lib", "mne_lsl": "lsl/lib"}  # package: its folder with the library, if its wheel has one
 CONFIGURATIONS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")  # in which liblsl looks
-QUIET = b"[log]\nlevel = -2\n"  # errors only
+QUIET = b"[log]\nlevel = -3\n"  # no messages on the terminal
 
 _TEXTS = (c_char_p, c_char_p)
 _SIGNATURES = {
@@ -33,10 +40,13 @@ _SIGNATURES = {
     "lsl_destroy_inlet": (None, c_void_p),
     "lsl_destroy_outlet": (None, c_void_p),
     "lsl_destroy_streaminfo": (None, c_void_p),
+    "lsl_get_channel_format": (c_int32, c_void_p),
     "lsl_get_channel_count": (c_int32, c_void_p),
     "lsl_get_desc": (c_void_p, c_void_p),
     "lsl_get_fullinfo": (c_void_p, c_void_p, c_double, POINTER(c_int32)),
     "lsl_get_hostname": (c_char_p, c_void_p),
+    "lsl_get_name": (c_char_p, c_void_p),
+    "lsl_get_nominal_srate": (c_double, c_void_p),
     "lsl_get_source_id": (c_char_p, c_void_p),
     "lsl_have_consumers": (c_int32, c_void_p),
     "lsl_local_clock": (c_double,),
@@ -146,3 +156,83 @@ class Outlet:
     def close(self) -> None:
         """Close the outlet."""
         self.library.lsl_destroy_outlet(self.handle)
+
+
+@dataclass(frozen=True)
+class StreamInfo:
+    """Stream that was found in the network. handle : its lsl_streaminfo"""
+
+    handle: int
+    host: str
+    source: str
+
+
+def found(name: str, source: str = "") -> list[StreamInfo]:
+    """Return the streams of a name and a source_id, of which one may be empty. Raises MissingExtra."""
+    library, handles = load("an inlet"), (c_void_p * 64)()
+    key, value = (b"source_id", source) if source else (b"name", name)
+    count = library.lsl_resolve_byprop(handles, len(handles), key, value.encode(), len(handles), RESOLVE_TIME)
+    infos = [
+        StreamInfo(handle, library.lsl_get_hostname(handle).decode(), library.lsl_get_source_id(handle).decode())
+        for handle in handles[:count]
+    ]
+    return [info for info in infos if not name or library.lsl_get_name(info.handle).decode() == name]
+
+
+class Inlet:
+    """Receiver of a stream of numbers. It continues with a new outlet of the same source_id.
+
+    about : {"name", "host", "source", "rate", "channels": [(label, unit)]}
+    rate : Hz, 0 for irregular samples
+
+    Raises OSError.
+    """
+
+    def __init__(self, info: StreamInfo) -> None:
+        self.library = library = load("an inlet")
+        self.handle = library.lsl_create_inlet(info.handle, BUFFER, 0, 1)
+        self.error = c_int32()
+        library.lsl_open_stream(self.handle, OPEN_TIMEOUT, byref(self.error))
+        whole = library.lsl_get_fullinfo(self.handle, OPEN_TIMEOUT, byref(self.error)) if not self.error else None
+        if not whole:
+            raise OSError(0, f"the stream of {info.host} does not respond: check the firewall of that computer")
+        if library.lsl_get_channel_format(whole) == STRING:
+            raise OSError(0, "the stream contains texts, not numbers")
+        self.width, self.rate = library.lsl_get_channel_count(whole), library.lsl_get_nominal_srate(whole)
+        channel = library.lsl_child(library.lsl_child(library.lsl_get_desc(whole), b"channels"), b"channel")
+        channels: list[list[str]] = []
+        for _ in range(self.width):
+            channels.append([library.lsl_child_value_n(channel, key).decode() for key in (b"label", b"unit")])
+            channel = library.lsl_next_sibling_n(channel, b"channel")
+        name = library.lsl_get_name(whole).decode()
+        self.about: dict[str, Any] = {
+            "name": name, "host": info.host, "source": info.source, "rate": self.rate, "channels": channels
+        }  # fmt: skip
+        self.values, self.stamps = (c_double * (CHUNK * self.width))(), (c_double * CHUNK)()
+
+    def pull(self, timeout: float) -> tuple[list[list[float]], list[float]]:
+        """Return (samples, time stamps by the sender's clock) that have arrived; wait `timeout` s for the first.
+
+        Raises OSError if the stream is lost permanently.
+        """
+        stamp = self.library.lsl_pull_sample_d(self.handle, self.values, self.width, timeout, byref(self.error))
+        if self.error.value == LOST:
+            raise OSError(0, "the stream is lost, and has no source_id by which it could be found again")
+        if not stamp:
+            return [], []
+        samples, stamps = [self.values[: self.width]], [stamp]
+        count = self.library.lsl_pull_chunk_d(
+            self.handle, self.values, self.stamps, len(self.values), CHUNK, 0.0, byref(self.error)
+        )
+        samples += [self.values[at : at + self.width] for at in range(0, count, self.width)]
+        return samples, stamps + self.stamps[: count // self.width]
+
+    def clock(self) -> float:
+        """Return the time in s of the LSL clock of this computer."""
+        return self.library.lsl_local_clock()
+
+    def correction(self) -> float | None:
+        """Return what the sender's time stamps lack to the clock of this computer in s; None if it is unknown."""
+        error = c_int32()
+        value = self.library.lsl_time_correction(self.handle, CORRECTION_TIMEOUT, byref(error))
+        return None if error.value else value

@@ -28,6 +28,7 @@ KINDS = {  # kind of line: the module that opens it
     "serial": "runtime.robot.rig.serial_line",
     "evdev": "runtime.robot.rig.evdev_line",
     "gpio": "runtime.robot.rig.gpio_line",
+    "lsl": "runtime.robot.rig.lsl_line",
     "net": "runtime.robot.rig.net_line",
 }
 SHOWN_KINDS = {"dialogue": "serial"}  # in tables, where the operator looks for the kind of port

@@ -273,6 +273,7 @@ LINES = {  # text of a medium or kind of line
     "serial": "serial line",
     "dialogue": "serial line",
     "net": "network",
+    "lsl": "LSL stream",
     "gpio": "GPIO line",
     "evdev": "input device",
 }

@@ -1,0 +1,123 @@
+"""The inlet of the Lab Streaming Layer on a rig: outlets of pylsl send, stop, restart and have the same name."""
+
+import os
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.robot.rig.errors import Refused
+from runtime.robot.rig.lsl_line import open_line, select
+from runtime.robot.rig.lsl_receiver import Rectified
+from tests.optional import Library
+from tests.runtime.runs import write
+
+pylsl = Library("pylsl")
+
+DIAGRAM = """
+from blocks.recorders import CsvRecorder
+from blocks.sensors import LslInlet
+from graph import Diagram
+
+with Diagram("emg", rate=200) as diagram:
+    LslInlet(channels=(("biceps", "mV", "EMG 2"), ("count", "1")), timeout=3.0, name="emg")
+    LslInlet(channels=(("biceps", "mV", "EMG 2"),), timeout=0.0, name="held")
+    CsvRecorder()
+"""
+
+
+def outlet(name, source):
+    """An outlet of two channels with labels, of which one has a unit as in XDF files."""
+    info = pylsl.StreamInfo(name, "EMG", 2, 100, "float32", source)
+    channels = info.desc().append_child("channels")
+    for label, unit in (("count", ""), ("EMG 2", "microvolts")):
+        channel = channels.append_child("channel")
+        channel.append_child_value("label", label)
+        channel.append_child_value("unit", unit)
+    return pylsl.StreamOutlet(info)
+
+
+class Sender(threading.Thread):
+    """Sends from the first receiver on; restarts and sends on, beside another outlet of its name; then ends."""
+
+    def __init__(self, name):
+        super().__init__(daemon=True)
+        self.name_, self.stamps, self.restart = name, [], None
+        self.outlet = outlet(name, "amplifier 1")
+
+    def send(self, count, other=None):
+        for number in range(count):
+            if number % 50 == 20:  # one that was on its way for a second, which is dropped
+                self.outlet.push_sample([-1.0, -1000.0], pylsl.local_clock() - 1.0)
+                time.sleep(0.01)
+            self.stamps.append(pylsl.local_clock())
+            number = len(self.stamps) - 1
+            self.outlet.push_sample([number, 1000.0 * number], self.stamps[-1])
+            if other is not None:
+                other.push_sample([-1.0, -1000.0])
+            time.sleep(0.01)
+
+    def run(self):
+        while not self.outlet.have_consumers():
+            self.send(1)
+        self.send(400)
+        time.sleep(0.3)
+        self.outlet = None
+        other = outlet(self.name_, "amplifier 2")
+        time.sleep(0.2)
+        self.outlet, self.restart = outlet(self.name_, "amplifier 1"), len(self.stamps)
+        self.send(300, other)
+        time.sleep(0.3)  # an outlet that is closed drops what it has not yet sent
+        self.outlet = None
+
+
+@pytest.mark.paced
+def test_an_inlet_follows_its_own_outlet_through_a_restart_and_ends_the_run_when_it_is_stale(tmp_path):
+    name = f"amplifier {os.getpid()}"
+    sender = Sender(name)
+    sender.start()
+    robot = write(tmp_path, DIAGRAM)
+    rig = write(tmp_path, f'[device.emg]\nstream = "{name}"\n\n[device.held]\nstream = "{name}"\n', "lab.toml")
+    trial = runtime.run(robot, 20.0, rig=rig, yes=True, record=str(tmp_path / "recordings"))
+    sender.join()
+    biceps, count, age = trial["emg.biceps"], trial["emg.count"], trial["emg.age"]
+    assert np.array_equal(biceps, count) and np.all(np.diff(count) >= 0.0)  # 1000 µV are 1 mV; never that of the other
+    sent = np.array(sender.stamps)[count.astype(int)]
+    assert np.allclose(trial["emg.stamp"] - trial["emg.offset"], sent, rtol=0.0, atol=1e-6)
+    assert np.abs(trial["emg.offset"]).max() < 1e-3  # the same clock
+    resumed = np.argmax(count >= sender.restart)
+    assert trial["emg.lost"][-1] >= 3
+    assert 0 < resumed and 0.2 < age[:resumed].max() < 3.0 and count[-1] == len(sender.stamps) - 1
+    assert trial.fault is not None and "emg" in str(trial.fault) and age[-1] > 2.9
+    assert trial["held.biceps"][-1] == biceps[-1] and trial["held.age"][-1] > 2.9  # it alone ends no run
+
+
+def test_a_stream_that_is_missing_or_ambiguous_is_refused():
+    name = f"force {os.getpid()}"
+    with pytest.raises(Refused, match=f"no stream in the network has the name {name!r}"):
+        open_line("plate", name, "", [("count", "1")], rectify=0.0, max_delay=0.5)
+    outlets = [outlet(name, "plate 1"), outlet(name, "plate 2")]
+    with pytest.raises(Refused, match="2 streams have this name: plate . on .*, plate . on "):
+        open_line("plate", name, "", [("count", "1")], rectify=0.0, max_delay=0.5)
+    assert len(outlets) == 2
+
+
+def test_channels_are_selected_by_label_and_converted():
+    given = [("a", "microvolts"), ("b", "deg"), ("c", "furlongs")]
+    places, scales, remarks = select("here", [("b", "rad"), ("c", "m"), ("a", "mV")], given)
+    assert places == [1, 2, 0] and scales == pytest.approx([np.pi / 180.0, 1.0, 1e-3])
+    assert remarks == ["here: channel 'c' has unit furlongs, it is taken as m"]
+    assert select("here", [("x", "N")], [("", ""), ("", "")])[0] == [0]
+    with pytest.raises(Refused, match="channel 'a' is in µV, the diagram expects N"):
+        select("here", [("a", "N")], given)
+    with pytest.raises(Refused, match="here has 0 channels 'd'"):
+        select("here", [("d", "m")], given)
+
+
+def test_the_rectified_mean_of_a_sine_with_an_offset_is_its_mean_absolute_value():
+    samples = [[40.0 + 3.0 * np.sin(2.0 * np.pi * 100.0 * k / 2000.0)] for k in range(4000)]
+    rectified = Rectified(1, 5.0, 2000.0)
+    rectified.of(samples[:2000])
+    assert rectified.of(samples[2000:])[0] == pytest.approx(3.0 * 2.0 / np.pi, rel=0.02)
