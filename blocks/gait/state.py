@@ -21,10 +21,9 @@ class GaitState(Block):
     Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s, and each
     leg has been faster than the limit within 1.5 s; at 0.15 to 1.9 m/s a thigh or knee pauses for 1.2 s at most. Any
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
-    stands, or a stumble, in which the leads of the phases of both legs over the clocks of their last strides, and over
-    those of their mean strides, differ by more than 18 % of a stride, or by 2.2 times the usual difference up to 24 %.
-    A stumble ends when each leg has taken a stride as long as those before within a fifth. The confidence is 1 in
-    standing and 1 − deviation / tolerance in walking.
+    stands, or a stumble, in which the leads of the phases of both legs over the clocks of their last strides
+    differ by more than 18 % of a stride. A stumble ends when each leg has taken a stride as long as the one before
+    within a fifth. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
 
     Walking is forward: a leg swings forward faster than it turns back over the ground. Each of these numbers, from
     means over 0.9 strides, is positive in walking forward and negative in walking backward:
@@ -61,11 +60,9 @@ class GaitState(Block):
     knees = Memory(0.0, "1 if the velocities are those of knees")
     evidence = Memory((0.0,) * 13, "moments of the velocities, stride of the left leg, and the decision")
     track = Memory(
-        (0.0, 0.5) + (0.0,) * 6, "times without motion, deviation and leads of the phases, largest velocity in walking"
+        (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
     )
-    clocks = Memory(
-        (math.inf, 0.0, 0.0, 0.0, 0.0) * 2, "time since the strike, last and mean stride, phase and stumble of each leg"
-    )
+    clocks = Memory((math.inf, 0.0, 0.0, 0.0) * 2, "time since the strike, last stride, phase and stumble of each leg")
 
     kernel = kernels.gait_state
 

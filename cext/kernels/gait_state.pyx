@@ -22,11 +22,7 @@ cdef double SHANK_LOW = 0.3             # evidence below which the wearer no lon
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
 cdef double THIGH_HIGH = 0.15
-cdef double STUMBLE = 0.18              # of a stride, by which one leg leads its clocks more than the other,
-cdef double STUMBLE_MOST = 0.24         # or up to this in an uneven walk:
-cdef double STUMBLE_TIMES = 2.2         # times the usual difference
-cdef double USUAL_SHARE = 0.2           # of a stride, in that
-cdef double CLOCK_SHARE = 0.4           # of a stride, in the mean stride
+cdef double STUMBLE = 0.18              # of a stride, by which one leg leads the clock of its last stride more than the other
 cdef double REGULAR = 0.2               # change of the stride after which a stumble has ended
 
 
@@ -96,7 +92,7 @@ cdef struct State:
     int32_t track               # see below
     int32_t clocks              # see below
 
-STATE = items((<State *>ITEMS)[0], "evidence[13] track[8] clocks[10]")
+STATE = items((<State *>ITEMS)[0], "evidence[13] track[6] clocks[8]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -105,21 +101,18 @@ cdef enum:
     SLOW = 3                    # s below still_velocity
     LEFT_STILL = 4              # s without motion of one leg, by the measure of slow walking
     RIGHT_STILL = 5
-    LEAD = 6                    # largest difference of the leads in this stride
-    USUAL_LEAD = 7              # and usually
 
 
 cdef enum:
     CLOCK_AGE = 0               # s since the phase of a leg began
-    CLOCK_PERIOD = 1            # s, of its last stride, 0 while unknown,
-    CLOCK_MEAN = 2              # and mean of its last strides
-    CLOCK_LAST = 3              # phase one tick before
-    IRREGULAR = 4               # 1 from a stumble to the end of the next regular stride
-    CLOCK_SIZE = 5
+    CLOCK_PERIOD = 1            # s, of its last stride, 0 while unknown
+    CLOCK_LAST = 2              # phase one tick before
+    IRREGULAR = 3               # 1 from a stumble to the end of the next regular stride
+    CLOCK_SIZE = 4
 
 
-cdef inline void advance(double *c, double phase, bint known, double dt) noexcept nogil:
-    """Advance the clocks of a leg."""
+cdef inline double lead(double *c, double phase, bint known, double dt) noexcept nogil:
+    """Return by how much of a stride the phase of a leg leads the clock of its last stride."""
     cdef double change
     phase -= floor(phase)
     c[CLOCK_AGE] += dt
@@ -127,25 +120,15 @@ cdef inline void advance(double *c, double phase, bint known, double dt) noexcep
         c[CLOCK_PERIOD] = c[IRREGULAR] = 0.0
         c[CLOCK_AGE] = INFINITY
     elif c[CLOCK_LAST] - phase > 0.5:
-        change = min(fabs(c[CLOCK_AGE] - c[CLOCK_PERIOD]), fabs(c[CLOCK_AGE] - c[CLOCK_MEAN]))
+        change = fabs(c[CLOCK_AGE] - c[CLOCK_PERIOD])
         c[IRREGULAR] = c[IRREGULAR] != 0.0 and change > REGULAR * c[CLOCK_PERIOD]
-        c[CLOCK_MEAN] += (CLOCK_SHARE if c[CLOCK_PERIOD] > 0.0 else 1.0) * (c[CLOCK_AGE] - c[CLOCK_MEAN])
-        c[CLOCK_PERIOD] = c[CLOCK_AGE]
-        if not is_finite(c[CLOCK_AGE]):
-            c[CLOCK_PERIOD] = c[CLOCK_MEAN] = 0.0
+        c[CLOCK_PERIOD] = c[CLOCK_AGE] if is_finite(c[CLOCK_AGE]) else 0.0
         c[CLOCK_AGE] = 0.0
     c[CLOCK_LAST] = phase
-
-
-cdef inline double apart_by(double *c, int period) noexcept nogil:
-    """Return by how much more of a stride one leg leads its clock than the other. period : of the clocks"""
-    cdef double *other = c + CLOCK_SIZE
-    cdef double difference = 0.0
-    if c[CLOCK_PERIOD] > 0.0:
-        difference = c[CLOCK_LAST] - c[CLOCK_AGE] / c[period]
-    if other[CLOCK_PERIOD] > 0.0:
-        difference -= other[CLOCK_LAST] - other[CLOCK_AGE] / other[period]
-    return fabs(difference - floor(difference + 0.5))
+    if c[CLOCK_PERIOD] == 0.0:
+        return 0.0
+    change = phase - c[CLOCK_AGE] / c[CLOCK_PERIOD]
+    return change - floor(change + 0.5)
 
 
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
@@ -176,14 +159,9 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     # 2. Walking: both legs walk forward, half a stride apart, without a stumble. Under a wearer who swings one leg, the
     #    other stands.
     ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
-    advance(clocks, arena[at.left_phase], arena[at.left_walking] != 0.0, arena[DT])
-    advance(clocks + CLOCK_SIZE, arena[at.right_phase], arena[at.right_walking] != 0.0, arena[DT])
-    share = min(apart_by(clocks, CLOCK_PERIOD), apart_by(clocks, CLOCK_MEAN))
-    if clocks[CLOCK_AGE] == 0.0:
-        track[USUAL_LEAD] += USUAL_SHARE * (min(track[LEAD], STUMBLE_MOST) - track[USUAL_LEAD])
-        track[LEAD] = 0.0
-    track[LEAD] = max(track[LEAD], share)
-    if share > clip(STUMBLE_TIMES * track[USUAL_LEAD], STUMBLE, STUMBLE_MOST):
+    share = lead(clocks, arena[at.left_phase], arena[at.left_walking] != 0.0, arena[DT]) \
+        - lead(clocks + CLOCK_SIZE, arena[at.right_phase], arena[at.right_walking] != 0.0, arena[DT])
+    if fabs(share - floor(share + 0.5)) > STUMBLE:
         clocks[IRREGULAR] = clocks[CLOCK_SIZE + IRREGULAR] = 1.0
     steady = clocks[IRREGULAR] + clocks[CLOCK_SIZE + IRREGULAR] == 0.0
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:

@@ -130,23 +130,6 @@ def test_a_stumble_ends_walking_within_a_stride_until_a_regular_one(side):
     assert walking[(time > 2.0) & (time < 10.3)].all() and walking[time > 13.0].all()
 
 
-def test_strides_of_each_leg_that_vary_by_six_percent_are_no_stumble():
-    """Strikes of both legs around half a stride apart, each with its own error."""
-    random = np.random.default_rng(4)
-    time, strikes = np.arange(0.0, 130.0, 1.0 / RATE), np.arange(0.0, 131.0)
-    phases = {}
-    for side, begin in (("left", 0.0), ("right", -0.5)):
-        at = begin + strikes + 0.0425 * np.clip(random.normal(size=len(strikes)), -2.0, 2.0)
-        phases[side] = np.interp(time, at, strikes)
-        assert np.diff(at).std() == pytest.approx(0.06, abs=0.01)
-    swing = 2.5 * np.sin(2.0 * np.pi * time)
-    signals = {f"{leg}_phase": phase % 1.0 for leg, phase in phases.items()}
-    signals |= {f"{leg}_walking": np.ones(len(time)) for leg in phases}
-    signals |= {"left_velocity": swing, "right_velocity": -swing}
-    walking = inside(lambda: GaitState(motion="knee"), **signals)["walking"] == 1.0
-    assert walking[time > 5.0].mean() > 0.95
-
-
 def test_an_uncertain_phase_gives_less_torque():
     uncertainty = np.repeat([0.05, 0.075, 0.1, 0.29, 0.02, np.nan, 0.02], 200)
     ones = np.ones(len(uncertainty))
