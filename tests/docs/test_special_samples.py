@@ -36,6 +36,10 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",
         "runtime.test_documents.test_the_kernel_in_c_of_the_page_compiles_and_runs",
     ),
+    "docs/how_to/lsl.md": (
+        "runtime.record.export.test_convert."
+        "test_xdf_is_read_by_pyxdf_and_a_file_of_the_laboratory_has_the_time_axis_of_the_trial",
+    ),
     "docs/how_to/notebooks.md": ("docs.test_special_samples.test_a_notebook_runs_a_file_in_real_time",),
     "docs/how_to/optimisation.md": ("docs.test_special_samples.test_the_optimisation_from_python_has_an_optimum",),
     "docs/reference/emergency_stop.md": (

@@ -13,12 +13,14 @@ from runtime.record.analysis import resample, strides, table
 from runtime.record.analysis.trial_data import TrialData
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Sequence
 
     import numpy as np
     import pandas
 
     from runtime.record.analysis.pictures import Pictures
+    from runtime.record.analysis.xdf import Stream
 
 
 class Trial(TrialData):
@@ -104,6 +106,15 @@ class Trial(TrialData):
             condition = Condition(self.path.stem, self, events, between, last)
             return pictures.Pictures(pictures.over_strides([condition], names))
         return pictures.Pictures(pictures.over_time([self], names))
+
+    def xdf(self, path: str | os.PathLike[str]) -> dict[str, Stream]:
+        """Return {name: runtime.record.analysis.xdf.Stream} of an XDF file, with times on the axis of this trial.
+
+        The file must contain the signals that an Lsl block sent in this run. Raises MissingExtra or BadInput.
+        """
+        from runtime.record.analysis.xdf import streams
+
+        return streams(self, path)
 
     def _repr_html_(self) -> str:
         from runtime.record.analysis.html import trial_in_html

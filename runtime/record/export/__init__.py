@@ -5,6 +5,7 @@ csv         as the recorder writes it
 parquet     one column per number, in its type, with units as metadata
 mat         MATLAB: a nested struct with units and time
 rrd         Rerun, with a blueprint from the recording
+xdf         two streams, as LabRecorder writes them
 sto, mot    OpenSim: all signals; joint angles
 candump     the frames of the CAN buses, as the recorder's CAN log has them, in a .can.log file
 

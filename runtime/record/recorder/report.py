@@ -27,11 +27,11 @@ def outcome(recording: Any, orphaned: bool) -> dict[str, Any]:
         "events": recording.events,
         "problems": recording.problems,
     }
-    return (
-        facts
-        if recording.plan["virtual"]
-        else {**facts, "statistics": recording.shared.statistics(), "wall": recording.shared.wall}
-    )
+    if recording.plan["virtual"]:
+        return facts
+    shared = recording.shared
+    monotonic = shared.began + shared.first_tick  # of tick 0
+    return {**facts, "statistics": shared.statistics(), "wall": shared.wall, "monotonic": monotonic}
 
 
 def describe(recording: Any, orphaned: bool) -> dict[str, Any]:

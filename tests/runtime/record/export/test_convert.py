@@ -12,8 +12,8 @@ import pytest
 
 import runtime
 from cext.memory.shared_state import SharedState
-from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK
-from runtime.record.export import FORMATS, convert
+from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.record.export import FORMATS, convert, xdf
 from tests.checkout import assert_one_line, copy_packages, python
 from tests.runtime.record.recorder.running import CSV, columns, frame, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, finished
@@ -364,7 +364,7 @@ def test_missing_library_is_reported_with_its_extra(command_line, recording, mon
 
 def test_unreadable_or_unwritable_file_is_reported_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == (
-        "no format given: pass --to candump|csv|mat|mcap|sto|mot|parquet|rrd or --opensim"
+        "no format given: pass --to candump|csv|mat|mcap|sto|mot|parquet|rrd|xdf or --opensim"
     )
     assert command_line.refused("convert").startswith("no recording given: pass the .mcap file of a run")
     assert command_line.refused("convert", recording, "--to", " , ").startswith("no format given")
@@ -461,6 +461,32 @@ def test_values_with_a_wrong_checksum_are_not_converted(command_line, recording,
     code, out, err = command_line("convert", file, "--to", "csv")
     assert code == CHECK_FAILED and err.startswith("tickwork: torn.mcap is damaged: of its ")
     assert len(runtime.load(file)) == 0 and err.endswith(", no ticks\n")
+
+
+def test_xdf_is_read_by_pyxdf_and_a_file_of_the_laboratory_has_the_time_axis_of_the_trial(command_line, recording):
+    load = pytest.importorskip("pyxdf").load_xdf
+    path = converted(command_line, recording, "xdf")
+    (signals, events), trial = load(path, dejitter_timestamps=False)[0], runtime.load(recording)
+    assert bits(signals["time_stamps"]) == bits(trial.time)
+    assert bits(np.ravel(signals["time_series"])) == bits(np.ravel(trial.rows))
+    channels = signals["info"]["desc"][0]["channels"][0]["channel"]
+    assert [(each["label"][0], each["unit"][0]) for each in channels] == [(n, trial.unit(n)) for n in trial.signals]
+    assert events["time_series"][-1][0].startswith("end: ok")
+    # a recorder whose clock is 5 s ahead and faster by 1 ‰, and a stream by that clock
+    stamps = 5.0 + 1.001 * np.arange(0.0, 1.4, 0.1)
+    with open(path, "ab") as file:
+        for time in np.arange(0.0, 1.6, 0.2):
+            xdf.put(file, 4, struct.pack("<Idd", 1, time, 5.0 + 0.001 * time))
+        xdf.describe(file, 9, "EMG", "EMG", "double64", 10.0, [("biceps", "µV")], trial)
+        sent = b"".join(b"\x08" + struct.pack("<dd", stamp, 7.0) for stamp in stamps)
+        xdf.samples(file, 9, len(stamps), sent)
+    streams = trial.xdf(path)
+    emg = streams["EMG"]
+    assert np.allclose(emg.time, np.arange(0.0, 1.4, 0.1), rtol=0.0, atol=1e-6)
+    assert np.allclose(streams["bench"].time, trial.time, rtol=0.0, atol=1e-9)
+    assert (emg.labels, emg.units, emg.kind, emg.values[3][0]) == (("biceps",), ("µV",), "EMG", 7.0)
+    with pytest.raises(BadInput, match="is not an XDF file"):
+        trial.xdf(recording)
 
 
 def test_candump_is_the_can_log_of_the_recorder(command_line):

@@ -17,10 +17,11 @@ pylsl = Library("pylsl")
 
 
 class Receiver(threading.Thread):
-    """Receives the stream of a name until no sample has come for half a second."""
+    """Receives the stream of a name until `end`."""
 
     def __init__(self, name):
         super().__init__(daemon=True)
+        self.ended = threading.Event()
         [info] = pylsl.resolve_byprop("name", name, timeout=10.0)
         self.inlet, self.samples, self.stamps = pylsl.StreamInlet(info), [], []
         self.info = self.inlet.info(timeout=10.0)
@@ -28,13 +29,18 @@ class Receiver(threading.Thread):
         self.start()
 
     def run(self):
-        sample, timeout = True, 5.0
-        while sample is not None:
-            sample, stamp = self.inlet.pull_sample(timeout=timeout)
+        while True:
+            ended = self.ended.is_set()
+            sample, stamp = self.inlet.pull_sample(timeout=0.2)
             if sample is not None:
                 self.samples.append(sample)
                 self.stamps.append(stamp)
-                timeout = 0.5
+            elif ended:
+                return
+
+    def end(self):
+        self.ended.set()
+        self.join(10.0)
 
     @property
     def channels(self):
@@ -60,8 +66,8 @@ def test_a_receiver_gets_every_recorded_sample_with_its_time_and_the_marks(tmp_p
 
     run(diagram, tmp_path, 100, virtual=False, shared=shared, before=before)
     signals, events = received
-    signals.join(10.0)
-    events.join(10.0)
+    signals.end()
+    events.end()
     trial = runtime.load(tmp_path)
     assert (signals.info.type(), signals.info.nominal_srate()) == ("Signals", 200.0)
     assert signals.channels == [(path, trial.unit(path), "Signals") for path in trial.names]
