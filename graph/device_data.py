@@ -129,7 +129,7 @@ class StopReply(Struct, frozen=True):
     rest : largest torque or current at rest, in the unit of `torque`
     unit : N·m at the joint of one unit of `torque`
     disabled : (mask, value) of the bits of the arbitration id by which a reply reports that the device is disabled
-    enabled : ReplyField whose value is 0 while the device is disabled; None without one
+    enabled : ReplyField whose value is above 0 only while the device is enabled; None without one
     echo : (index of a byte, value) in the reply to a disable; an error code may take its place. () without one
     reports : whether it may send `frames` by itself, so that their number says nothing
     """

@@ -83,7 +83,7 @@ cdef class StopConfirmation:
         cdef double enabled
         if (frame.id ^ self.disabled) & self.disabled_mask & <uint32_t>ID_MASK:
             return False
-        if self.has_enabled and (not read_field(&self.enabled, frame, &enabled) or enabled != 0.0):
+        if self.has_enabled and (not read_field(&self.enabled, frame, &enabled) or not enabled <= 0.0):
             return False
         if not self.has_torque:
             return True

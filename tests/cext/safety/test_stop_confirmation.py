@@ -118,6 +118,14 @@ def test_a_drive_that_reports_its_state_is_at_rest_only_if_that_is_disabled(data
     assert confirmation.confirmed == rests
 
 
+@pytest.mark.parametrize("status, rests", [(0, True), (1, False), (7, False), (8, True), (13, True), (15, True)])
+def test_a_signed_status_is_that_of_an_enabled_drive_only_above_zero(status, rests):
+    field = ReplyField(STATE.frames, first=STATE.first, bits=4, low=-8.0, high=7.0, signed=True)
+    confirmation = confirming(enabled=field)
+    ask(confirmation, 10, (reply(0.0, status << 4), reply(0.0, status << 4)))
+    assert confirmation.confirmed == rests
+
+
 def test_bits_of_the_identifier_that_report_an_enabled_drive_confirm_nothing():
     frames = ((0x100, 0x700, False, b""),)
     for source, rests in ((0x101, True), (0x111, False)):

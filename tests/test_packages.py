@@ -1,0 +1,21 @@
+"""The distributions under packages/, installed with pip into a folder, pass their own tests."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tests.checkout import ROOT
+
+
+@pytest.mark.parametrize("name", sorted(folder.name for folder in (ROOT / "packages").iterdir()))
+def test_a_distribution_installs_and_passes_its_tests(name, tmp_path):
+    source, site = tmp_path / name, tmp_path / "site"
+    shutil.copytree(ROOT / "packages" / name, source, ignore=shutil.ignore_patterns("build", "*.egg-info", "*.so"))
+    where = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    install = ["pip", "install", "-q", "--no-build-isolation", "--no-deps", "--target", str(site), str(source)]
+    for command in (install, ["pytest", "-q", "-p", "no:cacheprovider", "-m", "", str(source / "tests")]):
+        done = subprocess.run([sys.executable, "-m", *command], env=where, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
