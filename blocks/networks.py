@@ -8,6 +8,7 @@ from typing import Any
 
 from blocks._plumbing.network_files import reason, weights_of
 from blocks._plumbing.network_ports import Description, describe, tensors
+from blocks._plumbing.paths import path_beside
 from cext.kernels.networks.inference import tick
 from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model, runtime_version
 from cext.kernels.networks.worker import Owner, Worker, delayed
@@ -104,7 +105,7 @@ class OnnxModel(Block):
     )
 
     def configure(self) -> None:
-        self.file = str(self.path_of_file())
+        self.file = str(path_beside(self.location, self.file))
         try:
             self.loaded = loaded = self.load()
             self.description = describe(loaded.metadata, self.channels, self.results, reserved=_RESERVED_NAMES)
@@ -175,14 +176,6 @@ class OnnxModel(Block):
     def inference_times(self) -> dict[str, float]:
         """Percentiles of the durations of inferences since the start of the run, in s."""
         return self.loaded.times
-
-    def path_of_file(self) -> Path:
-        """Return the path of the ONNX file. Raises ValueError if there is none."""
-        folder = Path(self.location.file).parent if self.location else Path()
-        for path in (folder / self.file, Path(self.file)):
-            if path.is_file():
-                return path.absolute()
-        raise ValueError(f"file: there is no {self.file} in {folder or '.'} or in the working folder")
 
     def place(self, loaded: Any, samples: int) -> None:
         """Set the ports and the memory of a loaded Model. samples : number of samples in the window"""

@@ -21,6 +21,7 @@ from cext.kernel import Item, Kernel
 KERNELS = Path(__file__).parents[1] / "kernels"
 UNFUSED = {  # reasons why the kernels of a module have no stencils
     "continuous": "kernels of plants, not of robots",
+    "mujoco": "kernel calls another library",
     "networks/inference": "kernel calls another library",
     "networks/worker": "kernel calls another library",
     "wearer/walker": "kernel has dozens of outputs",

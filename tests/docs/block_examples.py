@@ -100,6 +100,7 @@ def folder():
     with tempfile.TemporaryDirectory() as path:
         os.chdir(path)
         os.symlink(ROOT / "diagrams" / "networks", "networks")
+        os.symlink(ROOT / "diagrams" / "examples", "examples")
         rows = (f"{k / 100},{30.0 - 25.0 * math.cos(2.0 * math.pi * k / 110)}" for k in range(1000))
         Path("walk.csv").write_text("time,knee\n" + "\n".join(rows) + "\n")
         try:

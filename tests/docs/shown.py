@@ -109,6 +109,12 @@ SHOWN = {
     "MovingMaximum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
     "MovingMinimum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
     "MovingRMS": Shown({"window": 0.1}, duration=0.5),
+    "MujocoBody": Shown(
+        {"file": "examples/leg.xml"},
+        {"knee_torque": 'StepSource(time=0.1, after=4.0, unit="N·m")()'},
+        "step",
+        rate=1000.0,
+    ),
     "Norm": Shown(inputs={"u": "stack(0.5, Sine()())"}, style="waves"),
     "OnnxModel": Shown(
         {"file": "networks/hip_torque.onnx"},

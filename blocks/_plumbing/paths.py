@@ -1,0 +1,18 @@
+"""Paths of files that a block reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def path_beside(location: Any, file: str) -> Path:
+    """Return the path of a file that is named relative to the folder of a diagram, or to the working folder.
+
+    location : Location of the block, or None. Raises ValueError if there is no such file.
+    """
+    folder = Path(location.file).parent if location else Path()
+    for path in (folder / file, Path(file)):
+        if path.is_file():
+            return path.absolute()
+    raise ValueError(f"file: there is no {file} in {folder or '.'} or in the working folder")
