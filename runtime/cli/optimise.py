@@ -32,7 +32,7 @@ DESCRIPTION = (
 )
 EPILOG = """\
 costs:
-  metabolic.tsv            table of a metabolic cart, a file that grows; also tcp:HOST:PORT, serial:DEVICE@BAUD
+  metabolic.tsv            table of a metabolic cart, a file that grows; tcp:HOST:PORT, serial:DEVICE@BAUD, lsl:STREAM
   signal:left/knee.torque  mean of a recorded signal of the diagram
   typed                    a number that the operator types
 

@@ -228,7 +228,7 @@ class Cart:
 
 
 def open_cart(text: str) -> Cart:
-    """Return the Cart of "tcp:HOST:PORT", "serial:DEVICE", "serial:DEVICE@BAUD", or the path of a file.
+    """Return the Cart of "tcp:HOST:PORT", "serial:DEVICE", "serial:DEVICE@BAUD", "lsl:STREAM", or the path of a file.
 
     A file may appear later. Raises BadInput for a source that cannot be opened.
     """
@@ -237,6 +237,8 @@ def open_cart(text: str) -> Cart:
         return Cart(_Tcp(rest).read, text)
     if colon and kind == "serial":
         return Cart(_serial(rest), text)
+    if colon and kind == "lsl":
+        return Cart(_lsl(rest), text)
     return Cart(_File(text).read, text)
 
 
@@ -336,5 +338,28 @@ def _serial(place):
             return port.read(READ_SIZE)
         except OSError:  # the adapter was unplugged: a measurement without samples
             return b""
+
+    return read
+
+
+def _lsl(name):
+    """Return a function that reads a stream of the Lab Streaming Layer as a table, with its labels and units."""
+    from runtime.host.liblsl import Inlet, found
+
+    infos = found(name)
+    if len(infos) != 1:
+        raise BadInput(f"--cost lsl:{name}: {len(infos)} streams have this name, expected 1")
+    try:
+        inlet = Inlet(infos[0])
+    except OSError as error:
+        raise BadInput(f"--cost lsl:{name}: {error.strerror}") from None
+    waiting = ["\t".join(["time (s)", *(f"{label} ({unit})" for label, unit in inlet.about["channels"])])]
+
+    def read():
+        samples, stamps = inlet.pull(0.0)
+        lines = ["\t".join(map(repr, (stamp, *sample))) for sample, stamp in zip(samples, stamps)]
+        text = "".join(f"{line}\n" for line in (*waiting, *lines))
+        waiting.clear()
+        return text.encode()
 
     return read

@@ -4,6 +4,7 @@ import math
 import os
 import pty
 import socket
+import time
 import tty
 
 import pytest
@@ -141,6 +142,29 @@ def test_pipe_and_serial_line_are_read(tmp_path):
     os.close(master)
     os.close(slave)
     assert cart.take(2.0) == []  # unplugged
+
+
+def test_a_stream_of_the_lab_streaming_layer_is_a_table():
+    pylsl = pytest.importorskip("pylsl")
+    name = f"cart {os.getpid()}"
+    info = pylsl.StreamInfo(name, "Gas", 2, 0.0, "double64", name)
+    channels = info.desc().append_child("channels")
+    for label in ("VO2", "VCO2"):
+        channel = channels.append_child("channel")
+        channel.append_child_value("label", label)
+        channel.append_child_value("unit", "mL/min")
+    outlet = pylsl.StreamOutlet(info)
+    cart = open_cart(f"lsl:{name}")
+    assert cart.take(0.0) == []
+    outlet.push_sample([1000.0, 900.0])
+    deadline, taken = time.monotonic() + 5.0, []
+    while not taken and time.monotonic() < deadline:
+        taken = cart.take(1.0)
+        time.sleep(0.01)
+    [(at, rate)] = taken
+    assert at == 1.0 and rate == pytest.approx(power(1.0 / 60.0, 0.9 / 60.0))
+    with pytest.raises(BadInput, match="--cost lsl:no cart: 0 streams have this name, expected 1"):
+        open_cart("lsl:no cart")
 
 
 def test_tcp_stream_is_connected_again_after_loss(monkeypatch):

@@ -10,6 +10,7 @@ import pytest
 import runtime
 from blocks.sinks import Lsl
 from cext.memory.shared_state import RECORD_EVENT, SharedState
+from runtime.record.analysis.xdf import start
 from tests.optional import Library
 from tests.runtime.record.recorder.running import counting, run
 
@@ -75,6 +76,7 @@ def test_a_receiver_gets_every_recorded_sample_with_its_time_and_the_marks(tmp_p
     assert np.array_equal(signals.samples, trial.rows) and len(trial) > 50
     began = (shared.began + shared.first_tick) * 1e-9
     assert np.allclose(signals.stamps, began + trial.time, rtol=0.0, atol=1e-6)
+    assert start(trial) == pytest.approx(began, abs=1e-9)
     assert (events.info.type(), events.info.nominal_srate()) == ("Markers", 0.0)
     assert events.samples[0] == ["mark 1: Größe"] and events.samples[-1][0].startswith("end: ok")
     assert abs(events.stamps[-1] - signals.stamps[-1]) < 0.02
