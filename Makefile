@@ -113,7 +113,7 @@ build/reference/installed:
 
 reference-damiao: $(VENV)/installed-test $(VENV)/stubs
 	$(VENV)/bin/python -m pip install --quiet --no-deps --upgrade --target build/damiao-motor damiao-motor==1.0.6
-	PYTHONPATH=$(CURDIR)/build/damiao-motor exec $(VENV)/bin/python -m pytest tests/test_packages.py $(TESTS)
+	SKIPPED_FILES=error PYTHONPATH=$(CURDIR)/build/damiao-motor exec $(VENV)/bin/python -m pytest tests/test_packages.py $(TESTS)
 
 # With SKIPPED_FILES=error a file whose tests are all skipped is an error: tests/conftest.py.
 soak: $(VENV)/installed-test
