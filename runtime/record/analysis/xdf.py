@@ -12,7 +12,7 @@ from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
 
 if TYPE_CHECKING:
-    from runtime.record.analysis.trial import Trial
+    from runtime.record.analysis.trial_data import TrialData
 
 SIGNALS = "Signals"  # content type of the stream of an Lsl block
 
@@ -34,7 +34,7 @@ class Stream:
     kind: str
 
 
-def streams(trial: Trial, path: str | os.PathLike[str]) -> dict[str, Stream]:
+def streams(trial: TrialData, path: str | os.PathLike[str]) -> dict[str, Stream]:
     """Return {name: Stream} of an XDF file, as Trial.xdf does."""
     xdf = need("pyxdf", "an XDF file")
     if not os.path.exists(path):
@@ -65,13 +65,13 @@ def streams(trial: Trial, path: str | os.PathLike[str]) -> dict[str, Stream]:
     }
 
 
-def start(trial: Trial) -> float:
+def start(trial: TrialData) -> float:
     """Return the time of tick 0 in s of CLOCK_MONOTONIC; 0 in virtual time."""
     begin = next((event["monotonic"] for event in trial.events if event["event"] == "begin"), 0)
     return (trial.end or {}).get("monotonic", begin) * 1e-9
 
 
-def is_of(stream: dict[str, Any], trial: Trial) -> bool:
+def is_of(stream: dict[str, Any], trial: TrialData) -> bool:
     """Return whether a stream has the signals of a trial."""
     described = (stream["info"]["desc"] or [None])[0] or {}
     recording = text((described.get("acquisition") or [{}])[0], "recording")
