@@ -40,10 +40,11 @@ def outlet(name, source):
 
 
 class Sender(threading.Thread):
-    """Sends from the first receiver on; restarts and sends on, beside another outlet of its name; then ends."""
+    """Sends until a folder has rows of a run; restarts, sends on, beside another outlet of its name; then ends."""
 
-    def __init__(self, name):
+    def __init__(self, name, folder):
         super().__init__(daemon=True)
+        self.folder = folder
         self.name_, self.stamps, self.restart = name, [], None
         self.outlet = outlet(name, "amplifier 1")
 
@@ -60,9 +61,9 @@ class Sender(threading.Thread):
             time.sleep(0.01)
 
     def run(self):
-        while not self.outlet.have_consumers():
+        while not any(path.stat().st_size > 4096 for path in self.folder.glob("*.csv")):
             self.send(1)
-        self.send(400)
+        self.send(100)
         time.sleep(0.3)
         self.outlet = None
         other = outlet(self.name_, "amplifier 2")
@@ -76,7 +77,7 @@ class Sender(threading.Thread):
 @pytest.mark.paced
 def test_an_inlet_follows_its_own_outlet_through_a_restart_and_ends_the_run_when_it_is_stale(tmp_path):
     name = f"amplifier {os.getpid()}"
-    sender = Sender(name)
+    sender = Sender(name, tmp_path / "recordings")
     sender.start()
     robot = write(tmp_path, DIAGRAM)
     rig = write(tmp_path, f'[device.emg]\nstream = "{name}"\n\n[device.held]\nstream = "{name}"\n', "lab.toml")
