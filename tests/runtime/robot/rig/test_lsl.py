@@ -22,7 +22,7 @@ from blocks.sensors import LslInlet
 from graph import Diagram
 
 with Diagram("emg", rate=200) as diagram:
-    LslInlet(channels=(("biceps", "mV", "EMG 2"), ("count", "1")), timeout=3.0, name="emg")
+    LslInlet(channels=(("biceps", "mV", "EMG 2"), ("count", "1")), timeout=10.0, name="emg")
     LslInlet(channels=(("biceps", "mV", "EMG 2"),), timeout=0.0, name="held")
     CsvRecorder()
 """
@@ -61,7 +61,7 @@ class Sender(threading.Thread):
             time.sleep(0.01)
 
     def run(self):
-        while not any(path.stat().st_size > 4096 for path in self.folder.glob("*.csv")):
+        while not any(path.stat().st_size > 60_000 for path in self.folder.glob("*.csv")):
             self.send(1)
         self.send(100)
         time.sleep(0.3)
@@ -74,6 +74,7 @@ class Sender(threading.Thread):
         self.outlet = None
 
 
+@pytest.mark.soak  # liblsl took up to 3 s and more to find a restarted outlet, and the timeout is waited for
 @pytest.mark.paced
 def test_an_inlet_follows_its_own_outlet_through_a_restart_and_ends_the_run_when_it_is_stale(tmp_path):
     name = f"amplifier {os.getpid()}"
@@ -81,7 +82,7 @@ def test_an_inlet_follows_its_own_outlet_through_a_restart_and_ends_the_run_when
     sender.start()
     robot = write(tmp_path, DIAGRAM)
     rig = write(tmp_path, f'[device.emg]\nstream = "{name}"\n\n[device.held]\nstream = "{name}"\n', "lab.toml")
-    trial = runtime.run(robot, 20.0, rig=rig, yes=True, record=str(tmp_path / "recordings"))
+    trial = runtime.run(robot, 60.0, rig=rig, yes=True, record=str(tmp_path / "recordings"))
     sender.join()
     biceps, count, age = trial["emg.biceps"], trial["emg.count"], trial["emg.age"]
     assert np.array_equal(biceps, count) and np.all(np.diff(count) >= 0.0)  # 1000 µV are 1 mV; never that of the other
@@ -90,9 +91,9 @@ def test_an_inlet_follows_its_own_outlet_through_a_restart_and_ends_the_run_when
     assert np.abs(trial["emg.offset"]).max() < 1e-3  # the same clock
     resumed = np.argmax(count >= sender.restart)
     assert trial["emg.lost"][-1] >= 3
-    assert 0 < resumed and 0.2 < age[:resumed].max() < 3.0 and count[-1] == len(sender.stamps) - 1
-    assert trial.fault is not None and "emg" in str(trial.fault) and age[-1] > 2.9
-    assert trial["held.biceps"][-1] == biceps[-1] and trial["held.age"][-1] > 2.9  # it alone ends no run
+    assert 0 < resumed and 0.2 < age[:resumed].max() < 10.0 and count[-1] == len(sender.stamps) - 1
+    assert trial.fault is not None and "emg" in str(trial.fault) and age[-1] > 9.9
+    assert trial["held.biceps"][-1] == biceps[-1] and trial["held.age"][-1] > 9.9  # it alone ends no run
 
 
 def test_a_stream_that_is_missing_or_ambiguous_is_refused():
