@@ -185,12 +185,9 @@ def usable(rows: np.ndarray, speed: float, largest: float) -> bool:
 
 def dynamics_of(block: Any, probe: DynamicsProbe, given: Given) -> Result:
     """Return the Result of a DynamicsProbe, and write its picture."""
+    if (ended := probe.without_measurement()) is not None:
+        return ended
     result = Result()
-    if probe.left_open:
-        return Result([probe.left_open], done=False)
-    if probe.found:
-        result.find(*probe.found)
-        return result
     lever = given.steps.get("torque")
     scale = lever.measured.get("ratio", 1.0) if lever is not None else 1.0
     found = identified_by(probe, scale)

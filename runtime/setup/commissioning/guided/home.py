@@ -177,12 +177,9 @@ def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any])
 
     steps : {name: StepRecord} of the steps before
     """
+    if (ended := probe.without_measurement()) is not None:
+        return ended
     result = Result()
-    if probe.left_open:
-        return Result([probe.left_open], done=False)
-    if probe.found:
-        result.find(*probe.found)
-        return result
     first, again = probe.stops
     stop, spread = 0.5 * (first + again), abs(first - again)
     result.measured = {"stop": stop, "spread": spread, "torque": wanted.torque, "running": probe.running}

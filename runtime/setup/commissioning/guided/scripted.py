@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from graph import Input, Param
+from runtime.setup.commissioning.guided.bench import Result
 from runtime.setup.commissioning.guided.driven import Probe
 
 if TYPE_CHECKING:
@@ -53,6 +54,16 @@ class ScriptedProbe(Probe):
         except Open as reason:
             self.left_open, self.ended = str(reason), True
         return command, command / self.constant, self.ended
+
+    def without_measurement(self) -> Result | None:
+        """Return the Result of a script that ended by a fault or without a measurement, or None."""
+        if self.left_open:
+            return Result([self.left_open], done=False)
+        if not self.found:
+            return None
+        result = Result()
+        result.find(*self.found)
+        return result
 
     def watch(self) -> None:
         """Raise Found if the joint is too fast, by its velocity or by its position."""
