@@ -402,7 +402,7 @@ class Block:
         return [
             name
             for name in list(vars(self))[self._attributes :]
-            if not name.startswith("_") and name not in self.memory and name not in self.parameters
+            if not (name.startswith("_") or name in self.memory or hasattr(type(self), name))
         ]
 
     def check_live(self, name: str, value: Any) -> Any:

@@ -2,7 +2,9 @@
 
 A frame with an 11-bit identifier and n bytes has 47 + 8 n bits, one with a 29-bit identifier 67 + 8 n, including the
 three bits between frames. Stuffing adds one bit after five equal bits: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, on
-average about one for 16 data bits. (ISO 11898-1.) A byte on a serial line has ten bits, including start and stop bit.
+average about one for 16 data bits. A frame of CAN FD, which has more than eight bytes of data, has 30 or 49 bits at the
+bitrate, and 32 + 8 n at the data bitrate (37 + 8 n above 16 bytes); its stuffing ends with the data. (ISO 11898-1.) A
+byte on a serial line has ten bits, including start and stop bit.
 """
 
 from __future__ import annotations
@@ -19,13 +21,14 @@ if TYPE_CHECKING:
     from graph.block import Block
 
 SERIAL_BITS_PER_BYTE = 10
+CLASSIC_BYTES = 8  # of data, without CAN FD
 DAMPING_BUS_LOAD = 0.8  # share of the bitrate that a damped safe stop uses
 
 
 class BusLoad(Struct, frozen=True):
     """Load of a CAN bus.
 
-    bitrate : bit/s; frames : commands and replies per second
+    bitrate, data_bitrate : bit/s, the second one 0 without a rate switch; frames : commands and replies per second
     typical, worst : share of the bitrate with average and worst-case stuffing
     """
 
@@ -34,6 +37,7 @@ class BusLoad(Struct, frozen=True):
     frames: float
     typical: float
     worst: float
+    data_bitrate: float = 0.0
 
 
 class LineLoad(Struct, frozen=True):
@@ -50,8 +54,18 @@ class LineLoad(Struct, frozen=True):
         return SERIAL_BITS_PER_BYTE * self.bytes / self.speed
 
 
-def frame_bits(length: int, extended: int) -> tuple[float, int]:
-    """Return the (typical, worst) number of bits of a frame with `length` data bytes, including the gap."""
+def frame_bits(length: int, extended: int, ratio: float = 1.0) -> tuple[float, float]:
+    """Return the (typical, worst) number of bits that a frame lasts, including the gap.
+
+    length : data bytes; more than eight are sent as CAN FD
+    ratio : bitrate / data bitrate
+    """
+    if length > CLASSIC_BYTES:
+        head, data = (36 if extended else 17), 8 * length
+        fast = 5 + data + (27 if length <= 16 else 32)
+        stuffed = (head - 1) // 4
+        bits = head + 13 + ratio * fast
+        return bits + ratio * data / 15.6, bits + stuffed + ratio * ((head + 5 + data - 1) // 4 - stuffed)
     header, stuffed = (67, 53) if extended else (47, 33)
     bits = header + 8 * length
     return bits + 8 * length / 15.6, bits + (stuffed + 8 * length) // 4
@@ -68,9 +82,11 @@ def bus_loads(devices: Sequence[Device], rate: float) -> list[BusLoad]:
         ]
         if frames:
             bitrate = min(device.bitrate for device in here)
-            bits = [(often, *frame_bits(*frame)) for often, *frame in frames]
+            data_bitrate = min((device.data_bitrate for device in here if device.data_bitrate), default=0.0)
+            ratio = bitrate / data_bitrate if data_bitrate else 1.0
+            bits = [(often, *frame_bits(length, extended, ratio)) for often, length, extended in frames]
             typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
-            loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst))
+            loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst, data_bitrate))
     return loads
 
 
@@ -82,7 +98,7 @@ def damping_round(bus: str, blocks: Sequence[Block]) -> float:
         if isinstance(block, Device) and block.bus == bus and (stop := block.damped_stop()) is not None
     ]
     bits = sum(
-        2 * frame_bits(len(data), extended)[1] / block.bitrate
+        2 * frame_bits(len(data), extended, block.bitrate / (block.data_bitrate or block.bitrate))[1] / block.bitrate
         for block, stop in damped
         for _, extended, data in stop.bands[0][1]
     )

@@ -44,6 +44,7 @@ class Device(Block):
     medium: str = "can"
     bus: Any = ""
     bitrate: Any = 1e6  # bit/s of its bus
+    data_bitrate: Any = 0.0  # bit/s of the data phase of CAN FD on its bus; 0: no rate switch
     timeout: Any = 0.0
     relay_time: float = 0.0
     start_time: float = 0.0

@@ -16,6 +16,7 @@ cdef class BusEnd:
     """One end of a bus, for the executor."""
     cdef Bus bus
     cdef object owner            # keeps the memory behind the context alive
+    cdef bint switching          # whether sent frames of CAN FD switch to the data bitrate
 
 cdef class MemoryBus:
     cdef Queue *queues

@@ -6,6 +6,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport EXTENDED, FRAME_BYTES, ID_MASK
+from cext.bus.bits cimport CLASSIC_BYTES, RATE_SWITCH
 
 
 cdef int memory_receive(void *context, Frame *frames, int capacity) noexcept nogil:
@@ -57,6 +58,7 @@ cdef class BusEnd:
         frame.id = arbitration_id | (<uint32_t>EXTENDED if extended else 0)
         frame.length = <unsigned char>len(data)
         frame.time = time
+        frame.flags = RATE_SWITCH if self.switching and len(data) > CLASSIC_BYTES else 0
         memcpy(frame.data, <const char *>data, len(data))
         return self.bus.send(self.bus.context, &frame, 1) == 1
 

@@ -19,6 +19,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport ERROR_FRAME, Frame
+from cext.bus.bits cimport is_flexible
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.posix cimport (
     CLOCK_REALTIME, CMSG_DATA, CMSG_FIRSTHDR, MSG_CONFIRM, MSG_DONTROUTE, MSG_DONTWAIT, MSG_NOSIGNAL, MSG_TRUNC,
@@ -150,7 +151,7 @@ cdef int socket_send(void *context, const Frame *frames, int count) noexcept nog
 
 cdef inline void put(Socket *socket, int index, const Frame *frame) noexcept nogil:
     cdef canfd_frame *sent = &socket.sent[index]
-    cdef bint flexible = frame.flags & CANFD_FDF or frame.length > CAN_MAX_DLEN
+    cdef bint flexible = is_flexible(frame)
     sent.can_id = frame.id
     sent.len = frame.length
     sent.flags = frame.flags if flexible else 0
@@ -186,6 +187,7 @@ cdef class SocketCan:
 
     file : socket.socket, kept open by this object
     fd : whether it receives frames of CAN FD
+    switching : whether it sends frames of more than eight bytes at the data bitrate
     shared : whether the other nodes are processes of this machine, as on a virtual bus
     queue_full_limit : ticks in a row with a full queue until the bus fails
     mute : whether it never sends
@@ -193,7 +195,7 @@ cdef class SocketCan:
     end : the BusEnd
     """
 
-    def __cinit__(self, file, *, bint fd=False, bint shared=False, int queue_full_limit=10, bint mute=False):
+    def __cinit__(self, file, *, bint fd=False, bint switching=False, bint shared=False, int queue_full_limit=10, bint mute=False):
         cdef int index
         self.socket = <Socket *>calloc(1, sizeof(Socket))
         if self.socket == NULL:
@@ -212,6 +214,7 @@ cdef class SocketCan:
             self.socket.incoming[index].msg_hdr.msg_control = &self.socket.control[index]
             self.socket.incoming[index].msg_hdr.msg_controllen = sizeof(self.socket.control[0])
         self.end = BusEnd()
+        self.end.switching = switching
         self.end.bus.receive, self.end.bus.send, self.end.bus.begin = socket_receive, socket_send, socket_begin
         self.end.bus.context = self.socket
         self.end.owner = self

@@ -8,6 +8,7 @@ cdef enum:
 
 cdef struct Wire:
     double bit                  # ns
+    double ratio                # nominal bitrate / data bitrate
     int64_t now                 # ns of the run
     int64_t free                # ns, end of the frame on the wire
     int64_t busy                # ns with a frame on the wire

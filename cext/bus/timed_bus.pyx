@@ -66,7 +66,7 @@ cdef void advance(Wire *wire, int64_t now) noexcept nogil:
 cdef void carry(Wire *wire, int side, int place, int64_t start) noexcept nogil:
     cdef Queue *arrived = &wire.arrived[1 - side]
     cdef Frame *frame = &wire.waiting[side][place]
-    wire.free = start + llround(bits_of(frame) * wire.bit)
+    wire.free = start + llround(bits_of(frame, wire.ratio) * wire.bit)
     wire.busy += wire.free - start
     wire.carried += 1
     if arrived.head - arrived.tail == QUEUE:
@@ -129,21 +129,25 @@ cdef class TimedBus:
     """In-memory bus like cext.bus.memory_bus.MemoryBus, with a bitrate.
 
     bitrate : bit/s
+    data_bitrate : bit/s of the data phase of CAN FD; 0: frames of more than eight bytes do not switch the rate
     """
 
-    def __cinit__(self, double bitrate):
+    def __cinit__(self, double bitrate, double data_bitrate=0.0):
         if not 0.0 < bitrate <= 1e9:
             raise ValueError("the bitrate must be above 0 and at most 1e9 bit/s, not %r" % bitrate)
         self.wire = <Wire *>calloc(1, sizeof(Wire))
         if self.wire == NULL:
             raise MemoryError
-        self.wire.bit = 1e9 / bitrate
+        if data_bitrate and not bitrate <= data_bitrate <= 1e9:
+            raise ValueError("the data bitrate must be from the bitrate to 1e9 bit/s, not %r" % data_bitrate)
+        self.wire.bit, self.wire.ratio = 1e9 / bitrate, bitrate / data_bitrate if data_bitrate else 1.0
         self.host, self.device = BusEnd(), BusEnd()
         for index, end in enumerate((self.host, self.device)):
             self.ends[index].wire, self.ends[index].side = self.wire, index
             (<BusEnd>end).bus.receive, (<BusEnd>end).bus.send, (<BusEnd>end).bus.at = wire_receive, wire_send, wire_at
             (<BusEnd>end).bus.context = &self.ends[index]
             (<BusEnd>end).owner = self
+            (<BusEnd>end).switching = data_bitrate > 0.0
         self.host.bus.begin = wire_begin
 
     def __dealloc__(self):
@@ -202,13 +206,14 @@ cdef class SlowBus:
     """Bus slowed down to a bitrate, for the plant at its end, with the resolution of the plant's step.
 
     real : BusEnd of the faster bus
-    bitrate : bit/s
+    bitrate, data_bitrate : bit/s, as of a TimedBus
 
     end : BusEnd for the plant
     """
 
-    def __cinit__(self, BusEnd real, double bitrate):
-        self.bus, self.real, self.end = TimedBus(bitrate), real, BusEnd()
+    def __cinit__(self, BusEnd real, double bitrate, double data_bitrate=0.0):
+        self.bus, self.real, self.end = TimedBus(bitrate, data_bitrate), real, BusEnd()
+        self.end.switching = data_bitrate > 0.0
         self.context.wire, self.context.real = self.bus.wire, real.bus
         self.end.bus.receive, self.end.bus.send = slow_receive, slow_send
         self.end.bus.at, self.end.bus.begin = slow_at, slow_begin

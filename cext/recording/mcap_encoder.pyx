@@ -13,6 +13,7 @@ from libc.string cimport memcpy, memset
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 
 from cext.abi cimport ERROR_FRAME, EXTENDED, FRAME_BYTES, ID_MASK, REMOTE, Frame
+from cext.bus.bits cimport ERROR_STATE, RATE_SWITCH, is_flexible
 from cext.recording.ring_batch cimport Batch
 from cext.memory.shared_state cimport FRAME, RECEIVED, ROW, Header
 
@@ -21,10 +22,6 @@ cdef enum:
     HEAD_BYTES = 31                 # bytes in front of the data of a message record
     LENGTH_BYTES = 22               # bytes of it that its length covers
     BLOCK = 1 << 16                 # bytes of records, after which `encode` returns
-    CLASSIC_BYTES = 8               # bytes of data, without CAN FD
-    RATE_SWITCH = 1                 # flags of struct canfd_frame
-    ERROR_STATE = 2
-    FD = 4
 
 cdef enum: # tags of Protobuf: number << 3 | wire type
     FIXED64_1 = 0x09
@@ -185,7 +182,7 @@ cdef class Encoder:
         cdef int size
         cdef char *out
         flags[0], flags[1], flags[2] = frame.id & EXTENDED != 0, frame.id & REMOTE != 0, frame.id & ERROR_FRAME != 0
-        flags[3] = frame.flags & FD != 0 or length > CLASSIC_BYTES
+        flags[3] = is_flexible(frame)
         flags[4], flags[5], flags[6] = frame.flags & RATE_SWITCH != 0, frame.flags & ERROR_STATE != 0, frame.sent != 0
         for place in range(7):
             count += flags[place]

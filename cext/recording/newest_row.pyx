@@ -8,7 +8,7 @@ with each record, and the space of a record is written again after a whole ring 
 
 import numpy as np
 
-from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t
+from libc.stdint cimport int64_t, uint32_t, uint64_t
 from libc.string cimport memcpy
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
@@ -27,12 +27,12 @@ cdef class NewestRow:
 
     shared : SharedState of the run
     columns : number of its recorded signals
-    buses : for each bus whose frames are counted, whether it is a CAN bus, whose bits are counted too
+    buses : for each bus whose frames are counted, nominal bitrate / data bitrate of a CAN bus; 0: its bits are not
 
     values : float64 array (columns,) of the newest row that `look` has found
     first, second : float64 arrays (columns,), smallest and largest value of the rows since the `look` before, in the
         order of time; NaN is none of them
-    traffic : int64 array (buses, 3): frames received, frames sent, and the bits of both
+    traffic : float64 array (buses, 3): frames received, frames sent, and the bits of the nominal bitrate that both last
     keeps : whether `rows` is filled
     rows : rows since the `look` before, each as bytes: its tick, its lateness, and the signals
     """
@@ -44,8 +44,8 @@ cdef class NewestRow:
     cdef double[:] row, low, high
     cdef double[:] earlier, later  # of low and high
     cdef int64_t[:] low_at, high_at
-    cdef int64_t[:, :] counts   # of the traffic
-    cdef uint8_t[:] can         # of each bus
+    cdef double[:, :] counts   # of the traffic
+    cdef double[:] ratios       # of each bus
     cdef readonly int64_t tick  # tick of that row; -1 before the first
     cdef public bint keeps
     cdef readonly list rows
@@ -59,8 +59,8 @@ cdef class NewestRow:
         self.earlier, self.later = self.first, self.second
         self.low, self.high = np.empty(columns), np.empty(columns)
         self.low_at, self.high_at = np.zeros(columns, np.int64), np.zeros(columns, np.int64)
-        self.traffic = np.zeros((len(buses), 3), np.int64)
-        self.counts, self.can = self.traffic, np.array(buses, np.uint8)
+        self.traffic = np.zeros((len(buses), 3))
+        self.counts, self.ratios = self.traffic, np.array(buses, np.float64)
         self.rows, self.kept = [], -1.0
         self.cursor = load_u64(&shared.layout.tail)
 
@@ -84,8 +84,8 @@ cdef class NewestRow:
         """Take a frame into the traffic."""
         if frame.bus < self.counts.shape[0] and frame.length <= FRAME_BYTES:
             self.counts[frame.bus, frame.sent != 0] += 1
-            if self.can[frame.bus]:
-                self.counts[frame.bus, 2] += bits_of(frame)
+            if self.ratios[frame.bus]:
+                self.counts[frame.bus, 2] += bits_of(frame, self.ratios[frame.bus])
 
     def look(self) -> bool:
         """Read the newest row, and those before it. Returns whether it is newer than the one before."""

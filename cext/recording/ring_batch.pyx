@@ -108,8 +108,11 @@ cdef class Batch:
                 at += sizeof(Header) + header.bytes
         return table
 
-    def add_traffic(self, list frames, list bits, bint count_bits):
-        """Add the frames to the counts of each bus, and their bits on the wire if `count_bits`."""
+    def add_traffic(self, list frames, list bits, list ratios):
+        """Add the frames to the counts of each bus, and to `bits` how many bits of the nominal bitrate they last.
+
+        ratios : nominal bitrate / data bitrate of each bus; empty: the bits are not counted
+        """
         cdef Py_ssize_t at = 0
         cdef Header *header
         cdef Frame *frame
@@ -120,8 +123,8 @@ cdef class Batch:
             if header.kind == FRAME:
                 frame = <Frame *>(<char *>header + sizeof(Header))
                 frames[frame.bus] += 1
-                if count_bits:
-                    bits[frame.bus] += bits_of(frame)
+                if ratios:
+                    bits[frame.bus] += bits_of(frame, ratios[frame.bus])
             at += sizeof(Header) + header.bytes
 
 

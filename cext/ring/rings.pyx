@@ -168,15 +168,17 @@ cdef class Line:
     lines : Lines
     index : number of the line
     bell : file descriptor of the owner's eventfd, or -1
+    switching : whether the owner sends frames of more than eight bytes at the data bitrate of CAN FD
 
     end : the BusEnd
     """
 
-    def __cinit__(self, Lines lines, int index, int bell=-1):
+    def __cinit__(self, Lines lines, int index, int bell=-1, bint switching=False):
         self.owner = lines
         self.context.line = &lines.lines[lines.at(index)]
         self.context.bell = bell
         self.end = BusEnd()
+        self.end.switching = switching
         self.end.bus.receive, self.end.bus.send, self.end.bus.begin = line_receive, line_send, line_begin
         self.end.bus.context = &self.context
         self.end.owner = self

@@ -8,6 +8,7 @@ from libc.string cimport memcpy
 from cext.abi cimport OK
 from cext.status cimport BUS_ERROR, FENCED
 from cext.atomics cimport load_i32_in_order, store_i32, store_i32_in_order
+from cext.bus.bits cimport CLASSIC_BYTES, RATE_SWITCH
 from cext.bus.memory_bus cimport BusEnd
 from cext.memory.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.safety.suspend cimport fence_after_suspend
@@ -78,6 +79,8 @@ cdef class Buses:
             frames[index].time = now
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
+            if (<BusEnd>self.buses[bus]).switching and frames[index].length > CLASSIC_BYTES:
+                frames[index].flags |= RATE_SWITCH
         # the process, or the computer, may be suspended between the fence and the send: the guardian then repeats its stop
         if not stopping and self.layout != NULL:
             store_i32_in_order(&self.layout.sending, 1)

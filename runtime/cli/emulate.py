@@ -74,7 +74,8 @@ def main(arguments: Sequence[str]) -> int:
         consent(buses.real, options.yes)
         print_lines(_introduction(options, diagram, schedule, rig, file.has_plant, lines))
         ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in on_lines}
-        service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate)
+        fast = [rig.buses[name].data_bitrate if name in rig.buses else 0.0 for name in schedule.buses]
+        service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate, fast)
         outcome = service.run(options.duration)
         if outcome.faulted:
             print_to_stderr(_fault(outcome, buses))

@@ -114,6 +114,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "buses": schedule.buses,
         "media": schedule.media,
         "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},
+        "data_bitrates": {load.bus: load.data_bitrate for load in schedule.loads if load.data_bitrate},
         "items": names(schedule),
         "sinks": sinks,
         "status_line": True,

@@ -9,7 +9,7 @@ import numpy as np
 from runtime.record.analysis.compare import Comparer, Comparison
 
 LENGTH, FLAGS, DATA = 12, 13, 16  # bytes of a struct Frame
-FLAG_BITS, FD, CLASSIC_BYTES = 0b111, 0b100, 8
+FD, CLASSIC_BYTES = 0b100, 8
 
 
 class Side:
@@ -90,9 +90,12 @@ def pairs(here: list[np.ndarray], there: list[np.ndarray]) -> Iterator[tuple[np.
 
 
 def normalize_frames(frames: np.ndarray) -> np.ndarray:
-    """Return struct Frames without bits that have no effect. frames : uint8 array (n, bytes of a struct Frame)"""
+    """Return struct Frames without bits that have no effect, and without those that the bus adds: its rate switch.
+
+    frames : uint8 array (n, bytes of a struct Frame)
+    """
     frames = frames.copy()
-    frames[:, FLAGS] &= FLAG_BITS
+    frames[:, FLAGS] &= FD
     frames[:, FLAGS] |= np.where(frames[:, LENGTH] > CLASSIC_BYTES, FD, 0).astype(np.uint8)
     frames[:, DATA:][np.arange(frames.shape[1] - DATA) >= frames[:, LENGTH, None]] = 0
     return frames

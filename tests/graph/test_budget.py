@@ -25,6 +25,13 @@ def test_frame_lengths_match_the_standard():
     assert frame_bits(0, False) == (47, 55)
 
 
+def test_frames_of_can_fd_have_two_bitrates():
+    """48 bytes: 5 + 384 + 32 bits at the data bitrate, and stuffing of 4 and 97 bits at worst."""
+    typical, worst = frame_bits(48, False, 0.2)
+    assert (typical, worst) == (pytest.approx(30 + 0.2 * (421 + 384 / 15.6)), pytest.approx(34 + 0.2 * 518))
+    assert frame_bits(12, True) == (pytest.approx(49 + 128 + 96 / 15.6), 177 + 34)
+
+
 @pytest.mark.parametrize("count, highest, worst", [(1, 4343, 3703), (4, 1085, 925), (8, 542, 462)])
 def test_the_highest_rate_of_n_actuators(count, highest, worst):
     (load,) = compile(actuators(count, highest)).loads

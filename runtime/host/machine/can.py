@@ -122,10 +122,13 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
     return problems or [Finding(name, OK, ", ".join(word for word in words if word))]
 
 
-def bring_up(name: str, bitrate: float, restart: int = Wants.restart, queue: int = Wants.queue) -> str:
-    """Return the commands that bring an interface up."""
+def bring_up(
+    name: str, bitrate: float, restart: int = Wants.restart, queue: int = Wants.queue, data_bitrate: float = 0
+) -> str:
+    """Return the commands that bring an interface up. data_bitrate : bit/s of CAN FD, 0 for classic CAN"""
+    flexible = f"dbitrate {data_bitrate} fd on " if data_bitrate else ""
     return (
-        f"sudo ip link set {name} type can bitrate {bitrate} restart-ms {restart} && "
+        f"sudo ip link set {name} type can bitrate {bitrate} {flexible}restart-ms {restart} && "
         f"sudo ip link set {name} txqueuelen {queue} up"
     )
 

@@ -24,6 +24,7 @@ from cext.recording.newest_row import NewestRow
 from runtime.host.live import table
 from runtime.record.analysis import names
 from runtime.record.panel import access
+from runtime.record.storage.format import rate_ratios
 
 if TYPE_CHECKING:
     from cext.memory.shared_state import SharedState
@@ -49,7 +50,7 @@ class View:
         self.table = table.read(shared)
         # parameters that no page may change, because the page never arms
         self.withheld = {each.path for each in self.table.parameters if each.path.rpartition(".")[2] == ARMING}
-        self.row = NewestRow(shared, len(plan["signals"]), [name in plan["bitrates"] for name in plan["buses"]])
+        self.row = NewestRow(shared, len(plan["signals"]), rate_ratios(plan))
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENT_LIMIT)
         self.history: deque[tuple[float, ...]] = deque(maxlen=RATE_WINDOW)
         self.complete = False  # whether the recording is complete

@@ -57,8 +57,8 @@ class Recording:
         self.changes = Changes(table.read(shared).parameters)
         self.newest = None  # the newest row: tick, lateness, values
         self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
-        self.bits = [0] * len(plan["buses"])  # length of these frames on the bus
-        self.counts_bits = False  # whether `bits` is needed
+        self.bits = [0] * len(plan["buses"])  # how many bits of its bitrate these frames last
+        self.ratios: list[float] = []  # `rate_ratios` if `bits` is needed
         self.services = []  # (path, service) of the running ones
         self.about = {}
         self.sidecar = None
@@ -162,7 +162,7 @@ class Recording:
             if self.ticks == 0:
                 self.first_tick = batch.first_tick()
             self.last_tick = int(newest[0])
-        batch.add_traffic(self.traffic, self.bits, self.counts_bits)
+        batch.add_traffic(self.traffic, self.bits, self.ratios)
         for _, service in list(self.services):
             try:
                 service.records(batch)

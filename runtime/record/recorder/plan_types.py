@@ -48,6 +48,7 @@ class _Plan(TypedDict):
     buses: list[str]
     media: list[str]  # of each bus
     bitrates: dict[str, float]  # {bus: bit/s}
+    data_bitrates: dict[str, float]  # {bus: bit/s of CAN FD's data phase} of the buses that switch the rate
     items: list[str]  # names of the stopwatch items, as in cext.clock.stopwatch.names
     sinks: list[PlanSink]
     status_line: bool  # whether the terminal shows a status line

@@ -26,6 +26,7 @@ from runtime.record.recorder.disk_sync import DiskSync
 from runtime.record.recorder.panel import Panel
 from runtime.record.recorder.part import Recording, RecordingFailed
 from runtime.record.recorder.status import StatusLine
+from runtime.record.storage.format import rate_ratios
 
 if TYPE_CHECKING:
     from runtime.record.recorder.plan_types import Plan
@@ -108,7 +109,7 @@ def record(
     recording.begin()
     panel = Panel(shared, Keyboard(shared), recording, companion) if plan.get("keys") else None
     status = StatusLine(terminal, plan, shared, panel, recording)
-    recording.counts_bits = status.enabled
+    recording.ratios = rate_ratios(plan) if status.enabled else []
     sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
     try:
         drain(

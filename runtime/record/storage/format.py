@@ -20,6 +20,13 @@ def row_struct(signals: int) -> Struct:
     return Struct(f"={2 + signals}d")
 
 
+def rate_ratios(plan: Any) -> list[float]:
+    """Return bitrate / data bitrate of each bus: 1 without a rate switch, 0 of a bus without bitrate. plan : Plan"""
+    rates: dict[str, float] = plan.get("bitrates") or {}
+    fast: dict[str, float] = plan.get("data_bitrates") or {}
+    return [rates[name] / (fast.get(name) or rates[name]) if name in rates else 0.0 for name in plan["buses"]]
+
+
 class Frame(NamedTuple):
     """Frame of a bus.
 

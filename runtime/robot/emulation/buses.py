@@ -124,11 +124,17 @@ class PlantBuses:
             look_at_port(bus)
             self.real += [bus.channel] * (bus.interface not in ONE_MACHINE)
             assert self.lines is not None
-            return Line(self.lines, self.carried.index(bus.name), self.bell)
+            return Line(self.lines, self.carried.index(bus.name), self.bell, bus.data_bitrate > 0)
         interface = self.interfaces[bus.name] = Interface(bus, None, [], machine)
         self.remarks += [f"{self.rig.path}: {remark}" for remark in interface.remarks]
         self.real += [bus.channel] * (not interface.virtual)
-        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, queue_full_limit=TX_QUEUE_FULL_LIMIT)
+        return SocketCan(
+            interface.socket,
+            fd=bus.fd,
+            switching=bus.data_bitrate > 0,
+            shared=interface.virtual,
+            queue_full_limit=TX_QUEUE_FULL_LIMIT,
+        )
 
     def carry(self) -> list[RigProblem]:
         """Start the process with python-can's interfaces. Returns a RigProblem for each that cannot be opened."""
@@ -140,6 +146,7 @@ class PlantBuses:
                 "channel": bus.channel,
                 "bitrate": bus.bitrate,
                 "fd": bus.fd,
+                "data_bitrate": bus.data_bitrate,
                 "options": bus.options,
             }
             for bus in buses

@@ -57,8 +57,8 @@ def _carry(wires: Sequence[Any], lines: Lines, bell: int, control: int) -> None:
                 poll.unregister(descriptor)
                 places[descriptor].fail(errno.EIO, "the interface has hung up")
         for number, wire in enumerate(wires):
-            for identifier, data, arrival in wire.receive():
-                lines.give(number, identifier, data, arrival)
+            for identifier, data, arrival, flags in wire.receive():
+                lines.give(number, identifier, data, arrival, flags)
             for identifier, data, _ in lines.take(number):
                 wire.send(identifier, data)
             if wire.trouble is not None:

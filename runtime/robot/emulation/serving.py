@@ -30,11 +30,25 @@ class Service:
     schedule : schedule of the plant
     ends : ends of its buses, in the order of the schedule
     bitrate : bit/s, to which each bus is slowed down; None for no limit
+    data_bitrates : bit/s of the data phase of CAN FD on each bus, 0 for none
     """
 
-    def __init__(self, schedule: Schedule, ends: Sequence[BusEnd], bitrate: float | None = None) -> None:
+    def __init__(
+        self,
+        schedule: Schedule,
+        ends: Sequence[BusEnd],
+        bitrate: float | None = None,
+        data_bitrates: Sequence[float] | None = None,
+    ) -> None:
         self.shared = SharedState(RING_BYTES)
-        self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
+        self.slowed = (
+            []
+            if bitrate is None
+            else [
+                SlowBus(end, bitrate, fast and max(fast, bitrate))
+                for end, fast in zip(ends, data_bitrates or [0.0] * len(ends))
+            ]
+        )
         ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)
         self.executor = Executor(self.program, schedule.rate, shared=self.shared, overrun=f"catch-up:{CATCH_UP_LIMIT}")

@@ -98,9 +98,9 @@ class Interfaces:
         before, line = time.monotonic_ns(), self.buses[index]["line"]
         frames = self.wires[index].receive()
         now = time.monotonic_ns()
-        for identifier, data, arrival in frames:
+        for identifier, data, arrival, flags in frames:
             if self.lines is not None and line is not None:
-                self.lines.give(line, identifier, data, arrival)
+                self.lines.give(line, identifier, data, arrival, flags)
             if self.caps is not None:
                 self.caps.measure(index, identifier, data, arrival)
             if stop is not None and arrival >= stop.began:

@@ -17,6 +17,7 @@ class PlanBus(TypedDict):
     channel: str
     bitrate: int
     fd: bool
+    data_bitrate: int  # of CAN FD in bit/s, 0 for none
     virtual: bool
     options: dict[str, Any]
     line: int | None

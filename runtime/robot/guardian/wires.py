@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+RATE_SWITCH, ERROR_STATE, FD = 1, 2, 4  # flags of struct canfd_frame
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # Linux constants that Python's socket lacks
 FRAMES_AT_ONCE = 64  # limit of frames in one `receive`
 ECHO_TIMEOUT = 0.1  # s within which an interface returns sent frames
@@ -72,10 +73,11 @@ class Wire:
     def listen(self, replies: Sequence[EncodedReply]) -> None:
         """Receive these replies from here on, where the interface has filters. replies : replies in the plan"""
 
-    def receive(self) -> list[tuple[int, bytes, int]]:
-        """Return received frames as (identifier, data, arrival in ns of CLOCK_MONOTONIC).
+    def receive(self) -> list[tuple[int, bytes, int, int]]:
+        """Return received frames as (identifier, data, arrival in ns of CLOCK_MONOTONIC, flags of CAN FD).
 
-        The identifier has the flag bits of struct can_frame. At most FRAMES_AT_ONCE frames are returned.
+        The identifier has the flag bits of struct can_frame, the flags are those of struct canfd_frame. At most
+        FRAMES_AT_ONCE frames are returned.
         """
         return []
 
@@ -108,7 +110,13 @@ class PythonCanWire(Wire):
     """
 
     def __init__(
-        self, interface: str, channel: str, bitrate: int, fd: bool, options: dict[str, Any] | None = None
+        self,
+        interface: str,
+        channel: str,
+        bitrate: int,
+        fd: bool,
+        options: dict[str, Any] | None = None,
+        data_bitrate: int = 0,
     ) -> None:
         super().__init__()
         import can
@@ -116,7 +124,10 @@ class PythonCanWire(Wire):
         logging.getLogger("can").addHandler(logging.NullHandler())  # the caller reports errors
         self.message = can.Message
         try:
-            given: dict = ({"fd": True} if fd else {}) | DEFAULTS.get(interface, {}) | (options or {})
+            given: dict = {"fd": True} if fd else {}
+            if data_bitrate:
+                given["data_bitrate"] = data_bitrate
+            given |= DEFAULTS.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
         except Exception as error:  # interfaces raise any exception
             raise CannotOpen(str(error) or type(error).__name__) from error
@@ -129,7 +140,7 @@ class PythonCanWire(Wire):
                 self.bus.shutdown()
             raise CannotOpen(str(error)) from error
         self.polled = self.fileno() is None
-        self.fd = fd
+        self.fd, self.switching = fd, bool(data_bitrate)
         self.echoes = {}  # (id, data): times of sending with an outstanding echo
 
     def fileno(self) -> int | None:
@@ -139,7 +150,7 @@ class PythonCanWire(Wire):
             return None
         return number if number >= 0 else None
 
-    def receive(self) -> list[tuple[int, bytes, int]]:
+    def receive(self) -> list[tuple[int, bytes, int, int]]:
         frames = []
         for _ in range(FRAMES_AT_ONCE):
             try:
@@ -162,7 +173,8 @@ class PythonCanWire(Wire):
             if self.is_echo(frame):
                 self.count("echoes")
             else:
-                frames.append((*frame, arrival))
+                flags = FD * message.is_fd | RATE_SWITCH * message.bitrate_switch
+                frames.append((*frame, arrival, flags | ERROR_STATE * message.error_state_indicator))
         return frames
 
     def send(self, identifier: int, data: bytes) -> bool:
@@ -175,6 +187,7 @@ class PythonCanWire(Wire):
                     is_remote_frame=bool(identifier & REMOTE),
                     data=data,
                     is_fd=self.fd and len(data) > 8,
+                    bitrate_switch=self.switching and len(data) > 8,
                 ),
                 timeout=SEND_TIMEOUT,
             )
@@ -293,11 +306,11 @@ class SocketCanWire(Wire):
     """Socket of the guardian on an interface that the loop drives; it receives nothing before `listen`."""
 
     FILTER, FD_FRAMES = 1, 5
-    FRAME, FD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IB3x64s")
+    FRAME, FD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 
-    def __init__(self, channel: str, fd: bool, virtual: bool) -> None:
+    def __init__(self, channel: str, fd: bool, virtual: bool, data_bitrate: int = 0) -> None:
         super().__init__()
-        self.virtual = virtual
+        self.virtual, self.flags = virtual, RATE_SWITCH * bool(data_bitrate)
         try:
             self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
             self.socket.setsockopt(socket.SOL_CAN_RAW, self.FILTER, b"")
@@ -318,7 +331,7 @@ class SocketCanWire(Wire):
         except OSError as error:  # the adapter is being unplugged
             self.fail(error.errno, error.strerror)
 
-    def receive(self) -> list[tuple[int, bytes, int]]:
+    def receive(self) -> list[tuple[int, bytes, int, int]]:
         frames = []
         for _ in range(FRAMES_AT_ONCE):
             try:
@@ -331,14 +344,19 @@ class SocketCanWire(Wire):
             if flags & socket.MSG_DONTROUTE and not self.virtual:
                 self.count("echoes")
             elif len(frame) >= 8:
-                identifier, length = struct.unpack_from("=IB", frame)
-                frames.append((identifier, frame[8 : 8 + length], time.monotonic_ns()))
+                identifier, length, flags = struct.unpack_from("=IBB", frame)
+                flags = flags | FD if len(frame) == self.FD_FRAME.size else 0
+                frames.append((identifier, frame[8 : 8 + length], time.monotonic_ns(), flags))
         return frames
 
     def send(self, identifier: int, data: bytes) -> bool:
-        layout = self.FRAME if len(data) <= 8 else self.FD_FRAME
+        frame = (
+            self.FRAME.pack(identifier, len(data), data)
+            if len(data) <= 8
+            else self.FD_FRAME.pack(identifier, len(data), self.flags, data)
+        )
         try:
-            self.socket.send(layout.pack(identifier, len(data), data))
+            self.socket.send(frame)
         except OSError as error:
             self.count("refused")
             if error.errno not in (errno.ENOBUFS, errno.EAGAIN):
@@ -359,9 +377,9 @@ def open_wire(bus: PlanBus, again: bool = False) -> Wire:
     if bus["interface"] == "udp":
         return Unwatched()
     if bus["interface"] == "socketcan":
-        return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
+        return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"], bus["data_bitrate"])
     options = (bus.get("options") or {}) | (STARTED.get(bus["interface"], {}) if again else {})
-    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], options)
+    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], options, bus["data_bitrate"])
 
 
 def load(interface: str) -> None:

@@ -51,8 +51,9 @@ class Simulation:
         self.given = file is not None and file.has_plant
         self.diagram, self.plant, self.replaced = plant_of(file, robot, seed)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
+        fast = {load.bus: max(load.data_bitrate, bitrate or 0.0) for load in schedule.loads if load.data_bitrate}
         self.buses = {
-            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate)
+            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate, fast.get(name, 0.0))
             for name, medium in zip(schedule.buses, schedule.media)
         }
         self.program = None

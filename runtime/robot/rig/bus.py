@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 BITRATE_MAXIMUM = 1_000_000  # bit/s, of classic CAN
+DATA_BITRATE_MAXIMUM = 8_000_000  # bit/s, of CAN FD
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,7 @@ class RigBus:
     channel : name of the interface
     bitrate : bit/s
     fd : whether it carries CAN FD
+    data_bitrate : bit/s of the data phase of CAN FD frames; 0: they do not switch the bitrate
     peer : destination of UDP datagrams, "" for none
     key : file with the key that signs UDP datagrams, "" for unsigned ones
     options : further arguments of the python-can interface
@@ -24,6 +26,7 @@ class RigBus:
     channel: str
     bitrate: int = BITRATE_MAXIMUM
     fd: bool = False
+    data_bitrate: int = 0
     peer: str = ""
     key: str = ""
     options: dict[str, Any] = field(default_factory=dict)

@@ -156,7 +156,7 @@ class RigBuses:
             if self.locks[-1].handover is None:  # otherwise its process closes the port when the guardian opens it
                 look_at_port(bus)
             assert self.lines is not None
-            return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
+            return OpenBus(Carried(bus), Line(self.lines, index, self.bell, bus.data_bitrate > 0))
         filters = [device.acceptance_filters() for device in devices]
         listens = None if None in filters else sorted({each for several in filters for each in several})
         interface = Interface(
@@ -164,7 +164,13 @@ class RigBuses:
         )
         return OpenBus(
             interface,
-            SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, queue_full_limit=TX_QUEUE_FULL_LIMIT),
+            SocketCan(
+                interface.socket,
+                fd=bus.fd,
+                switching=bus.data_bitrate > 0,
+                shared=interface.virtual,
+                queue_full_limit=TX_QUEUE_FULL_LIMIT,
+            ),
         )
 
     def ends(self) -> list[BusEnd]:
@@ -216,6 +222,7 @@ class RigBuses:
                 "channel": bus.interface.bus.channel,
                 "bitrate": bus.interface.bus.bitrate,
                 "fd": bus.interface.bus.fd,
+                "data_bitrate": bus.interface.bus.data_bitrate,
                 "virtual": bus.interface.virtual,
                 "options": bus.interface.bus.options,
                 "line": index if isinstance(bus.can, Line) else None,

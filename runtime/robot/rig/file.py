@@ -22,7 +22,7 @@ from typing import Any
 
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.battery import Battery, parse_battery
-from runtime.robot.rig.bus import BITRATE_MAXIMUM, RigBus
+from runtime.robot.rig.bus import BITRATE_MAXIMUM, DATA_BITRATE_MAXIMUM, RigBus
 from runtime.robot.rig.errors import RigError, RigProblem
 from runtime.robot.rig.udp import EXAMPLE, UDP, Endpoint
 
@@ -41,11 +41,12 @@ KEYS = {  # of a bus: type, example, whether it is required
     "channel": (str, '"can0"', True),
     "bitrate": (int, "1_000_000", False),
     "fd": (bool, "true", False),
+    "data_bitrate": (int, "5_000_000", False),
     "peer": (str, '"192.168.4.2:9871"', False),
     "key": (str, '"estop.key"', False),
     "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
-OWN = ("interface", "channel", "bitrate", "fd")  # not allowed in `options`
+OWN = ("interface", "channel", "bitrate", "fd", "data_bitrate")  # not allowed in `options`
 TABLES = ("bus", "device", "battery")
 WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dict: "a table"}
 
@@ -172,6 +173,14 @@ def _bus(name, table, problems):
         report(
             f"bitrate = {parsed.bitrate}: outside the range of CAN, {BITRATE_MINIMUM} to {BITRATE_MAXIMUM} bit/s",
             "write bitrate = 1_000_000",
+        )
+    if "data_bitrate" in table and not parsed.fd:
+        report("data_bitrate: only frames of CAN FD have a data phase", "write fd = true, or remove data_bitrate")
+    elif "data_bitrate" in table and not parsed.bitrate <= parsed.data_bitrate <= DATA_BITRATE_MAXIMUM:
+        report(
+            f"data_bitrate = {parsed.data_bitrate}: outside the range of CAN FD on this bus, from its bitrate, "
+            f"{parsed.bitrate}, to {DATA_BITRATE_MAXIMUM} bit/s",
+            "write data_bitrate = 5_000_000",
         )
     if parsed.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % INTERFACE_NAME_LIMIT, parsed.channel):
         report(

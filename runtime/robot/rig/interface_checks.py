@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 UP = 1  # IFF_UP
 VIRTUAL = ("vcan", "vxcan")  # kinds whose nodes are all processes of this machine
 FD_MTU = 72
-DATA_BITRATE = 5_000_000  # bit/s of the CAN FD data phase in proposed commands
 WIRING = "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all"
 
 
@@ -62,13 +61,26 @@ def link(name: str, machine: Machine) -> dict[str, Any]:
     return next((link.get("linkinfo") or {} for link in links if link.get("ifname") == name), {})
 
 
+def bitrates(data: dict[str, Any]) -> tuple[int | None, int | None]:
+    """Return (bitrate, data bitrate of CAN FD) of a controller in bit/s, None if unknown. data : info_data of `link`"""
+    nominal, fast = (data.get(key) or {} for key in ("bittiming", "data_bittiming"))
+    return nominal.get("bitrate"), fast.get("bitrate")
+
+
 def _controller(bus, data):
-    """Yield remarks on a real controller. Raises Refused for another bitrate or bus-off."""
+    """Yield remarks on a real controller. Raises Refused for other bitrates or bus-off."""
     name, state = bus.channel, data.get("state")
-    bitrate = (data.get("bittiming") or {}).get("bitrate")
+    bitrate, data_bitrate = bitrates(data)
     if bitrate is not None and bitrate != bus.bitrate:
         raise refusal(
             bus, "TW115", f"{name} runs at {bitrate} bit/s, but the rig file specifies {bus.bitrate}", again(bus)
+        )
+    if data_bitrate is not None and bus.data_bitrate and data_bitrate != bus.data_bitrate:
+        raise refusal(
+            bus,
+            "TW115",
+            f"{name} sends data of CAN FD at {data_bitrate} bit/s, but the rig file specifies {bus.data_bitrate}",
+            again(bus),
         )
     if state == "BUS-OFF":
         raise refusal(bus, "TW116", f"{name} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
@@ -90,7 +102,9 @@ def _name_family(name):
 
 def take_up(bus: RigBus, virtual: bool = False) -> str:
     """Return the command that brings an interface up."""
-    return f"sudo ip link set {bus.channel} up" if virtual else bring_up(bus.channel, bus.bitrate)
+    if virtual:
+        return f"sudo ip link set {bus.channel} up"
+    return bring_up(bus.channel, bus.bitrate, data_bitrate=(bus.data_bitrate or bus.bitrate) if bus.fd else 0)
 
 
 def again(bus: RigBus) -> str:
@@ -100,11 +114,10 @@ def again(bus: RigBus) -> str:
 
 def _fd_commands(bus, virtual):
     """Return the commands that bring an interface up with CAN FD."""
-    change = f"mtu {FD_MTU}" if virtual else f"type can bitrate {bus.bitrate} dbitrate {DATA_BITRATE} fd on"
-    return (
-        f"sudo ip link set {bus.channel} down && sudo ip link set {bus.channel} {change} && sudo ip link set "
-        f"{bus.channel} up"
-    )
+    if not virtual:
+        return again(bus)
+    name = bus.channel
+    return f"sudo ip link set {name} down && sudo ip link set {name} mtu {FD_MTU} && sudo ip link set {name} up"
 
 
 def absent(bus: RigBus, machine: Machine) -> RigProblem:

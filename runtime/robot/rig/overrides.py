@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from graph import Device, DiagramError
+from graph.budget import CLASSIC_BYTES
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
 
@@ -26,11 +27,13 @@ def override(rig: RigFile, diagram: Diagram) -> None:
         else:
             problems.append(_unknown_path(path, diagram, devices))
     problems += _other_bitrates(rig, devices.values())
+    problems += _without_fd(rig, devices.values())
     if problems:
         raise RigError(rig.path, problems)
     for block in devices.values():
         if block.medium == "can":
-            block.bitrate = float(rig.buses[block.bus].bitrate)
+            bus = rig.buses[block.bus]
+            block.bitrate, block.data_bitrate = float(bus.bitrate), float(bus.data_bitrate)
 
 
 def _other_bitrates(rig, devices):
@@ -45,6 +48,19 @@ def _other_bitrates(rig, devices):
                 f"connect it to a separate bus, or set the device to {bus.bitrate / 1e3:g} kbit/s and write "
                 f'[device."{device.path}"] '
                 f"bitrate = {bus.bitrate}",
+            )
+
+
+def _without_fd(rig, devices):
+    """Yield a RigProblem for each device whose frames need CAN FD on a bus without it."""
+    for device in devices:
+        bus = rig.buses.get(device.bus)
+        longest = max((length for length, _ in device.traffic()), default=0) if device.medium == "can" else 0
+        if bus is not None and longest > CLASSIC_BYTES and not bus.fd:
+            yield RigProblem(
+                "TW103",
+                f"[bus.{device.bus}] carries classic CAN, but {device.path} exchanges frames of {longest} bytes",
+                "write fd = true, and the data_bitrate that is set in its devices",
             )
 
 

@@ -73,10 +73,10 @@ class ToolBus:
         """Return the open interface of a bus. Raises Refused or CannotOpen."""
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
-            return PythonCanWire(bus.interface, bus.channel, bus.bitrate, bus.fd, bus.options)
+            return PythonCanWire(bus.interface, bus.channel, bus.bitrate, bus.fd, bus.options, bus.data_bitrate)
         fitness = look(bus, machine)
         self.remarks = fitness.remarks
-        wire = SocketCanWire(bus.channel, bus.fd, fitness.virtual)
+        wire = SocketCanWire(bus.channel, bus.fd, fitness.virtual, bus.data_bitrate)
         wire.listen([(0, 0, "")])
         wire.socket.setsockopt(socket.SOL_CAN_RAW, ERROR_FILTER, struct.pack("=I", EVERY_ERROR))
         return wire
@@ -121,7 +121,7 @@ class ToolBus:
     def arrivals(self) -> list[tuple[tuple[int, bool, bytes], float]]:
         """Return `take` with the arrival of each frame in s of CLOCK_MONOTONIC."""
         frames = []
-        for identifier, data, arrival in self.wire.receive():
+        for identifier, data, arrival, _ in self.wire.receive():
             if identifier & ERROR:
                 self.errors += 1
             elif not identifier & REMOTE:

@@ -294,7 +294,10 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
             continue
         style = console.ok if bus["worst"] <= 0.7 else console.warn
         filled = min(BAR, round(BAR * bus["worst"]))
-        load = f"{bus['typical']:.0%} of {bus['bitrate'] / 1e6:g} Mbit/s, {bus['worst']:.0%} with worst-case stuffing"
+        rate = f"{bus['bitrate'] / 1e6:g} Mbit/s" + (
+            f" and {bus['data_bitrate'] / 1e6:g} Mbit/s (data of CAN FD)" if bus["data_bitrate"] else ""
+        )
+        load = f"{bus['typical']:.0%} of {rate}, {bus['worst']:.0%} with worst-case stuffing"
         load += f"; {bus['frames']:g} frames/s"
         lines += console.hang(
             f"  {bus['bus']:<{width}}  {style('█' * filled)}{console.faint('░' * (BAR - filled))}  ", load

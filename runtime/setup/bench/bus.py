@@ -140,6 +140,7 @@ def through_guardian(group: str) -> Iterator[BusEnd]:
                         "channel": group,
                         "bitrate": 1_000_000,
                         "fd": False,
+                        "data_bitrate": 0,
                         "options": {},
                         "virtual": False,
                         "line": 0,

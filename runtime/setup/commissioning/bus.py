@@ -12,7 +12,7 @@ from runtime.host.machine.probe import Machine
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.file import I2C, SOCKETCAN, UDP, parse, read
-from runtime.robot.rig.interface_checks import link
+from runtime.robot.rig.interface_checks import bitrates, link
 from runtime.robot.rig.tool_bus import ToolBus
 
 if TYPE_CHECKING:
@@ -56,11 +56,13 @@ def named_buses(options: Namespace, machine: Machine | None = None) -> list[RigB
 
 def one_bus(interface: str, channel: str, bitrate: int | None, machine: Machine) -> RigBus:
     """Return a RigBus, parsed as from a rig file so that errors have the same text."""
-    own = None
+    own = fast = None
     if interface == SOCKETCAN and bitrate is None:
-        own = ((link(channel, machine).get("info_data") or {}).get("bittiming") or {}).get("bitrate")
+        own, fast = bitrates(link(channel, machine).get("info_data") or {})
     text = f"[bus.can]\ninterface = {quoted(interface)}\nchannel = {quoted(channel)}\n"
-    bus = parse("the command line", text + (f"bitrate = {bitrate or own}\n" if bitrate or own else "")).buses["can"]
+    text += f"bitrate = {bitrate or own}\n" if bitrate or own else ""
+    text += f"fd = true\ndata_bitrate = {fast}\n" if fast else ""
+    bus = parse("the command line", text).buses["can"]
     plain = "".join(letter if letter.isalnum() else "_" for letter in channel).strip("_")
     return (
         replace(bus, name="imus") if interface == I2C else replace(bus, name=plain) if interface == SOCKETCAN else bus
@@ -76,7 +78,7 @@ def entry(bus: RigBus, name: str | None = None) -> list[str]:
     """Return the lines of a rig file for a bus."""
     lines = [f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}"]
     lines += [f"bitrate = {bus.bitrate:_}"] * (bus.interface != I2C)
-    lines += ["fd = true"] * bus.fd
+    lines += ["fd = true"] * bus.fd + [f"data_bitrate = {bus.data_bitrate:_}"] * (bus.data_bitrate > 0)
     if bus.options:
         lines.append("options = { " + ", ".join(f"{key} = {plain(value)}" for key, value in bus.options.items()) + " }")
     return lines

@@ -106,6 +106,10 @@ def test_only_frames_over_eight_bytes_are_sent_as_fd():
     wire.end.send(5, bytes(range(12)))
     wire.end.send(6, b"abc")
     assert FLEXIBLE.unpack(wire.far.recv(100))[1:3] == (12, 0) and len(wire.far.recv(100)) == CLASSIC.size
+    switching = Wire(fd=True, switching=True)
+    switching.end.send(5, bytes(range(12)))
+    switching.end.send(6, b"abc")
+    assert FLEXIBLE.unpack(switching.far.recv(100))[1:3] == (12, 1) and len(switching.far.recv(100)) == CLASSIC.size
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,18 @@ def test_at_half_the_bitrate_it_takes_twice_as_long():
     assert bus.device.receive()[0][3] == 2 * microseconds(1, b"")
 
 
+def test_can_fd_sends_its_data_at_the_data_bitrate():
+    """64 bytes of 0x55, without stuffed bits: 30 bits of 1 µs, and 5 + 512 + 4 + 21 + 7 bits of 0.2 µs."""
+    bus = TimedBus(1e6, 5e6)
+    bus.host.send(0x555, bytes([0x55]) * 64)
+    bus.host.send(0x555, b"\x55")  # classic
+    bus.host.advance(LATER)
+    first, second = (frame[3] for frame in bus.device.receive())
+    assert first == 30_000 + 200 * 549 and second - first == microseconds(0x555, b"\x55")
+    with pytest.raises(ValueError, match="data bitrate"):
+        TimedBus(1e6, 5e5)
+
+
 def test_queued_frames_are_sent_in_order():
     bus = TimedBus(1e6)
     for number in (3, 2, 1):

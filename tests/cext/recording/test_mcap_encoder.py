@@ -143,7 +143,7 @@ def test_a_batch_counts_and_lists_its_rows():
     made = records(4, 2)
     batch = Batch(made)
     frames, bits = [0, 0], [0, 0]
-    batch.add_traffic(frames, bits, True)
+    batch.add_traffic(frames, bits, [1.0, 1.0])
     assert list(batch) == made and batch.rows == 60 and sum(frames) == batch.frames and min(bits) > 47 * min(frames)
     assert batch.first_tick() == 0 and batch.newest()[0] == 59.0
     row = Batch([(RECORD_ROW, row_struct(3).pack(6, 0.5, 1.5, 2.0, float("inf")))])

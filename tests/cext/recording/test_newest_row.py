@@ -43,7 +43,7 @@ def test_rows_that_the_recorder_has_taken_count_until_the_ring_has_moved_on():
 
 def test_frames_are_counted_for_each_bus_with_their_bits():
     shared = SharedState(1 << 16)
-    newest = NewestRow(shared, 1, buses=(True, False))
+    newest = NewestRow(shared, 1, buses=(1.0, 0.0))
     for bus, sent, length in ((0, 0, 8), (0, 1, 8), (0, 1, 0), (1, 0, 8), (2, 0, 8), (0, 0, 255)):
         frame = struct.pack("<qIBBBB64s", 0, 1, length, 0, bus, sent, bytes(range(64)))
         shared.push(RECORD_FRAME, frame)

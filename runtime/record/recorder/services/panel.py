@@ -24,7 +24,7 @@ READY_TIMEOUT = 20.0  # s, to import its libraries and listen
 END_TIMEOUT = 1.0  # s, to show the end of the run
 START_LIMIT = 2
 EVENT_LIMIT = 60_000  # bytes of an event
-PLANNED = ("folder", "stem", "rate", "duration", "simulated", "drawing", "phases", "buses", "bitrates")
+PLANNED = ("folder", "stem", "rate", "duration", "simulated", "drawing", "phases", "buses", "bitrates", "data_bitrates")
 CHOSEN = ("host", "port", "lost", "marks", "subject", "target", "stride")  # parameters of the block
 
 

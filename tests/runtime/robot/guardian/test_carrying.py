@@ -144,7 +144,7 @@ def test_the_fence_is_up_and_the_stop_is_shown_before_its_first_frame():
 
 
 def test_stop_repeats_until_both_drives_acknowledge_it(robot):
-    answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), time.monotonic_ns() + 10**12)]
+    answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), time.monotonic_ns() + 10**12, 0)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns() + 10**11)  # so that no reply is late on a busy machine
     assert robot.guardian.stop.report()["confirmed"] == []
@@ -173,9 +173,9 @@ def test_stop_repeats_until_both_drives_acknowledge_it(robot):
 
 
 def test_frames_queued_before_stop_reach_loop_before_stop_replies(robot):
-    before = [[(1, b"\1 before", 0)]]
+    before = [[(1, b"\1 before", 0, 0)]]
     robot.wires[0].receive = lambda: before.pop() if before else []
-    robot.wires[0].then = lambda data: before.append([(1, b"\1 after", 0)])
+    robot.wires[0].then = lambda data: before.append([(1, b"\1 after", 0, 0)])
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert [frame[2] for frame in robot.ends[0].receive()] == [b"\1 before"]
 

@@ -29,7 +29,7 @@ class SocketWire(Wire):
         with suppress(BlockingIOError):
             self.kept += self.socket.recv(1 << 16)
         frames, self.kept = self.kept[:FRAMES_AT_ONCE], self.kept[FRAMES_AT_ONCE:]
-        return [(byte, b"", time.monotonic_ns()) for byte in frames]
+        return [(byte, b"", time.monotonic_ns(), 0) for byte in frames]
 
     def close(self):
         self.socket.close()

@@ -75,6 +75,25 @@ def test_echoes_of_sent_frames_are_not_received(wire, node):
     assert wire.counts == {"echoes": 3}
 
 
+@pytest.mark.parametrize("interface", ["udp_multicast", "virtual"])
+def test_frames_over_eight_bytes_switch_the_rate_of_a_bus_with_a_data_bitrate(interface, channel):
+    """The other node is python-can's own; flags 5 are FD with BRS, 4 is FD without."""
+    with can.Bus(interface=interface, channel=channel, fd=True) as node:
+        wire = PythonCanWire(interface, channel, 1_000_000, True, None, 5_000_000)
+        for data in (bytes(range(64)), b"short"):
+            assert wire.send(5, data)
+        long, short = node.recv(5.0), node.recv(5.0)
+        assert (long.is_fd, long.bitrate_switch, bytes(long.data)) == (True, True, bytes(range(64)))
+        assert (short.is_fd, short.bitrate_switch, bytes(short.data)) == (False, False, b"short")
+        node.send(message(6, bytes(48), is_fd=True, bitrate_switch=True))
+        node.send(message(7, bytes(4), is_fd=True))
+        frames = []
+        while len(frames) < 2:
+            frames += wire.receive()
+        wire.close()
+    assert [(identifier, len(data), flags) for identifier, data, _, flags in frames] == [(6, 48, 5), (7, 4, 4)]
+
+
 def test_a_foreign_frame_equal_to_an_own_one_is_received_beside_the_echo(wire, node):
     wire.send(127, NOTHING)
     node.send(message(127, NOTHING))

@@ -93,7 +93,7 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
         (
             '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nzzz = 1',
             "[bus.legs] zzz: unknown key",
-            "it has interface, channel, bitrate, fd, peer, key, options",
+            "it has interface, channel, bitrate, fd, data_bitrate, peer, key, options",
         ),
         (
             '[bus.legs]\ninterfase = "socketcan"\nchannel = "can0"',
@@ -136,6 +136,17 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
             '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nfd = 1',
             "[bus.legs] fd = 1: expected true or false",
             "write fd = true",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\ndata_bitrate = 5_000_000',
+            "[bus.legs] data_bitrate: only frames of CAN FD have a data phase",
+            "write fd = true, or remove data_bitrate",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nfd = true\ndata_bitrate = 500_000',
+            "[bus.legs] data_bitrate = 500000: outside the range of CAN FD on this bus, from its bitrate, 1000000, to "
+            "8000000 bit/s",
+            "write data_bitrate = 5_000_000",
         ),
         (
             '[bus.legs]\ninterface = "socketcan"\nchannel = "/dev/ttyACM0"',

@@ -77,7 +77,18 @@ def test_bitrate_is_unknown_without_iproute2(looked):
 def test_an_interface_without_can_fd_is_reported_with_the_command(looked):
     code, message, hint = refusal(looked, PI_4, FLAGS, fd=True)
     assert (code, message) == ("TW117", "[bus.legs] can0 does not carry CAN FD")
-    assert "type can bitrate 1000000 dbitrate 5000000 fd on" in hint and hint.endswith("sudo ip link set can0 up")
+    assert hint == f"sudo ip link set can0 down && {UP.replace('restart', 'dbitrate 1000000 fd on restart', 1)}"
+
+
+def test_a_data_bitrate_other_than_the_rigs_is_reported_with_the_command(looked):
+    mtu = {"/sys/class/net/can0/mtu": "72\n"}
+    flexible = can_link("can0")
+    flexible["linkinfo"]["info_data"]["data_bittiming"] = {"bitrate": 2_000_000}
+    at_2 = {"/commands/ip -details -json link": ip(flexible)}
+    code, message, hint = refusal(looked, PI_4, FLAGS | mtu, at_2, fd=True, data_bitrate=5_000_000)
+    assert code == "TW115" and message.endswith("at 2000000 bit/s, but the rig file specifies 5000000")
+    assert "type can bitrate 1000000 dbitrate 5000000 fd on restart-ms 100" in hint
+    assert looked(PI_4, FLAGS | mtu, at_2, fd=True, data_bitrate=2_000_000).remarks == []
 
 
 def test_a_missing_interface_is_reported_with_a_suggestion(looked):

@@ -6,6 +6,7 @@ from blocks.actuators import CubeMars
 from blocks.imus import ICM20948, OpenImu
 from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
+from graph.budget import frame_bits
 from runtime.robot.rig.errors import RigError
 from runtime.robot.rig.file import read
 from runtime.robot.rig.overrides import override
@@ -67,6 +68,31 @@ def test_the_load_of_a_bus_is_that_of_the_rigs_bitrate(fitted):
     with pytest.raises(DiagramError) as caught:
         compile(slow)
     assert [d.code for d in caught.value.diagnostics] == ["TW016"]
+
+
+class Flexible(CubeMars):
+    """Drive whose one frame of a tick has 48 bytes."""
+
+    def traffic(self):
+        return [(48, False)]
+
+
+def test_frames_of_can_fd_need_a_bus_with_it_and_take_its_data_bitrate(fitted):
+    diagram = robot()
+    with diagram:
+        Flexible("AK10-9-V2.0", bus="legs", can_id=3, name="flexible")(torque_command=0.0)
+    with pytest.raises(RigError) as caught:
+        fitted(LEGS, diagram)
+    [trouble] = caught.value.problems
+    assert (trouble.code, trouble.message) == (
+        "TW103",
+        "[bus.legs] carries classic CAN, but flexible exchanges frames of 48 bytes",
+    )
+    [slow] = compile(fitted(LEGS + "fd = true\n", diagram)).loads
+    [fast] = compile(fitted(LEGS + "fd = true\ndata_bitrate = 5_000_000\n", diagram)).loads
+    faster = frame_bits(48, False, 0.1)[0] - frame_bits(48, False)[0]
+    assert (slow.data_bitrate, fast.data_bitrate) == (0.0, 5e6)
+    assert fast.typical - slow.typical == pytest.approx(200 / 500e3 * faster)
 
 
 def test_device_bitrate_that_differs_from_bus_is_reported(fitted):
