@@ -244,6 +244,14 @@ install() {
     stop "pip failed (complete output in $$log)"
 }
 
+# Start to fetch the wheels of an extra: beside the compiler, with uv, in a tenth of pip's time. `install` then installs what is
+# still missing, which is everything where there is no uv, or where pip's settings name another index.
+fetch() {
+    if [ -x $(VENV)/bin/uv ] && ! $(VENV)/bin/python -m pip config list | grep -qE '[.](index-url|no-index)='; then
+        $(VENV)/bin/uv pip install --python $(VENV)/bin/python --only-binary :all: -r pyproject.toml --extra "$$1" pytest
+    fi >$(VENV)/uv.log 2>&1 &
+}
+
 # Compile the libraries that a run imports to bytecode, even if PYTHONDONTWRITEBYTECODE is set; otherwise every start would.
 compile_imports() {
     env -u PYTHONDONTWRITEBYTECODE $(VENV)/bin/python -c 'import $(RUN_IMPORTS)'
@@ -272,16 +280,22 @@ $(VENV)/tools: pyproject.toml $(VENV)/made
 	say "installing the build requirements"
 	eval "requirements=($$(sed -n '/^\[build-system\]/,/^$$/s/^requires = \[\(.*\)\]/\1/p' pyproject.toml | tr , ' '))"
 	install "$${requirements[@]}"
+	(install uv) 2>/dev/null || true
 	mv $@.start $@
 
 $(VENV)/sources: FORCE | $(VENV)/tools
 	echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" >$@
+
+EXTRA := all
+$(VENV)/installed-test: EXTRA := test
+$(VENV)/installed-docs: EXTRA := docs
 
 $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 	$(tools)
 	touch $@.start
 	python=$(VENV)/bin/python
 	survey
+	[ -e $(VENV)/installed ] || fetch $(EXTRA)
 	say "compiling"
 	find cext -name '*.so' | while read -r module; do [ -e "$${module%%.*}.pyx" ] || rm "$$module"; done
 	mkdir -p build
@@ -289,6 +303,7 @@ $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 	    tail -n 60 build/log >&2
 	    stop "the native code does not compile (complete output in build/log)"
 	fi
+	wait
 	mv $@.start $@
 
 $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
