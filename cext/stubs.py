@@ -5,6 +5,7 @@ the Python types of their C arguments, `readonly` and `public` attributes. Kerne
 of kernels accepts any name.
 """
 
+import functools
 import importlib
 import re
 from collections.abc import Iterator
@@ -126,14 +127,20 @@ def members(source: str, classes: dict[str, str]) -> dict[str, list[str]]:
     return found
 
 
-def stub(source: Path) -> str:
-    """Return the stub of the module of a source, "" if Python code can reach nothing in it."""
-    classes = {
+@functools.cache
+def native_classes() -> dict[str, str]:
+    """Return {native class: its module}."""
+    return {
         match["name"]: module_name(path)
         for path in sources()
         for _, text in statements(path.read_text())
         if (match := CLASS.fullmatch(text))
     }
+
+
+def stub(source: Path) -> str:
+    """Return the stub of the module of a source, "" if Python code can reach nothing in it."""
+    classes = native_classes()
     found = members(source.read_text(), classes)
     declared = source.with_suffix(".pxd")
     for owner, lines in (members(declared.read_text(), classes) if declared.exists() else {}).items():

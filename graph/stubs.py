@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import copy
 import errno
+import functools
 import importlib
 import inspect
 import keyword
@@ -54,7 +55,8 @@ def stub(module: Any) -> str:
     tree.body = [*typing_only, *(node for node in tree.body if not is_typing_only(node))]
     body = [text for node in tree.body for text in statement(module, node)]
     used = words("\n".join(body))
-    imported = [line for node in tree.body for line in imports(node, used, words_outside_imports(tree))]
+    inside = words_outside_imports(tree)
+    imported = [line for node in tree.body for line in imports(node, used, inside)]
     lines = [TYPING, "from collections.abc import Sequence", UNPACK, NUMPY, BLOCK, LANGUAGE, OPERANDS]
     own = {name for node in tree.body for name in names_of(node)}
     head = [line for text in lines for line in only_used(text, used, own)]
@@ -335,7 +337,7 @@ def makes_ports(kind: type[Block], field: str) -> bool:
     for base in kind.__mro__:
         if base is Block or not issubclass(base, Block):
             continue
-        for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(base)))):
+        for node in assignments(base):
             targets = getattr(node, "targets", [getattr(node, "target", None)])
             for target in targets:
                 inner = target.value if isinstance(target, ast.Subscript) else target
@@ -344,6 +346,13 @@ def makes_ports(kind: type[Block], field: str) -> bool:
                 if is_field(inner, field) and not names_only(getattr(node, "value", None), target, kind, field):
                     return True
     return False
+
+
+@functools.cache
+def assignments(kind: type[Block]) -> list[ast.AST]:
+    """Return the statements of a class that assign, and what else has a target or targets."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))
+    return [node for node in ast.walk(tree) if hasattr(node, "target") or hasattr(node, "targets")]
 
 
 def is_field(node: ast.AST | None, field: str) -> bool:
