@@ -12,6 +12,8 @@ import importlib.metadata
 import inspect
 import json
 import math
+import os
+import sys
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -190,9 +192,27 @@ def loadable(kind: type[Block], known: dict[str, str]) -> bool:
 def registered() -> dict[str, str]:
     """Return {top-level package: distribution} of all installed block libraries, including this one."""
     packages: dict[str, str] = dict.fromkeys(OWN, "tickwork")
-    for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+    for point in points():
         packages[point.module.split(".")[0]] = point.dist.name if point.dist else point.name
     return packages
+
+
+def points() -> tuple[importlib.metadata.EntryPoint, ...]:
+    """Return the entry points of the installed block libraries, read again once a folder of `sys.path` has changed."""
+    return _points(tuple((folder, _changed(folder)) for folder in sys.path))
+
+
+def _changed(folder: str) -> int:
+    """Return when a folder was changed last, in ns; 0 if it does not exist."""
+    try:
+        return os.stat(folder or ".").st_mtime_ns
+    except OSError:
+        return 0
+
+
+@lru_cache(maxsize=4)  # to read those of 150 distributions takes 20 ms, as long as a short run in virtual time
+def _points(state: tuple[tuple[str, int], ...]) -> tuple[importlib.metadata.EntryPoint, ...]:
+    return tuple(importlib.metadata.entry_points(group=ENTRY_POINTS))
 
 
 def library(kind: type[Block], known: dict[str, str]) -> tuple[str, str]:

@@ -26,6 +26,7 @@ def names():
     return sorted(found)
 
 
+@cache
 def homes():
     """Folders of the families, and of their kernels."""
     folders = {path.parent for path in (ROOT / "blocks").rglob("family.py")}
@@ -40,8 +41,20 @@ def pattern():
     return re.compile("|".join(alternatives), re.IGNORECASE)
 
 
+def plain(text):
+    return re.sub("[-_ ]", "", text.lower())
+
+
+@cache
+def plain_names():
+    return {plain(name) for name in names()}
+
+
 def strangers(text, path):
     """Lines of a file outside the families that contain such a name."""
+    squeezed = plain(text)
+    if not any(name in squeezed for name in plain_names()):  # a search for fixed text is a hundred times as fast
+        return []
     if path in PUBLIC:
         return [
             line

@@ -8,7 +8,7 @@ import pkgutil
 import pytest
 
 import blocks
-from graph import Block, Device, DiagramError, Sink, conformance, store
+from graph import Block, Device, DiagramError, Sink
 from graph.conformance import check_block, check_declarations
 from tests.blocks.examples import EXAMPLES
 from tests.checkout import ROOT
@@ -31,16 +31,6 @@ def library():
 
 
 LIBRARY = library()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def installed():
-    """The installed block libraries are searched once, not in each of several hundred conversions to JSON."""
-    found = store.registered()
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (store, conformance):
-            patch.setattr(module, "registered", lambda: found)
-        yield
 
 
 @pytest.fixture(scope="module")

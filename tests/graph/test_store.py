@@ -15,7 +15,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sources import Playback, StepSource
 from blocks.states import StateMachine
 from graph import Block, Diagram, DiagramError, Input, Live, Output, compile, subsystem
-from graph.store import content_hash, from_json, to_json
+from graph.store import ENTRY_POINTS, content_hash, from_json, registered, to_json
 
 
 class Local(Block):
@@ -171,3 +171,15 @@ def test_a_local_module_is_not_suggested_to_pip():
     text = json.dumps({**json.loads(to_json(knee())), "libraries": {}}).replace("graph.arithmetic:", "os:")
     [found] = pytest.raises(DiagramError, from_json, text).value.diagnostics
     assert found.code == "TW031" and "pip" not in found.hint and "trust=('os',)" in found.hint
+
+
+def test_a_library_is_found_in_the_process_in_which_it_is_installed(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("hiplab", "anklelab"):
+        assert name not in registered()
+        (tmp_path / f"{name}-1.0.dist-info").mkdir()
+        (tmp_path / f"{name}-1.0.dist-info" / "entry_points.txt").write_text(
+            f"[{ENTRY_POINTS}]\n{name} = {name}.blocks\n"
+        )
+        (tmp_path / f"{name}-1.0.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: 1.0\n")
+        assert registered()[name] == name

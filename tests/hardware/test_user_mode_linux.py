@@ -15,6 +15,7 @@ ADDRESSES = ",".join(f"{address:#04x}" for address in CHIPS)
 CANNOT_RUN = 77  # exit status of vmrun.sh where User Mode Linux cannot run
 
 
+@pytest.mark.soak
 def test_real_i2c_and_socketcan_under_user_mode_linux():
     """In one start; a machine that has vcan0 runs the tests of SocketCAN itself."""
     under_user_mode_linux("test_i2c.py", *[] if there else ["test_socketcan.py"], VMRUN_CHIPS=ADDRESSES)

@@ -19,7 +19,7 @@ from blocks.families import families
 from cext.user_text import name_and_text
 from graph import Block, Device
 from graph.drawing.cards import class_card, documentation, summary, unit_text
-from graph.store import ENTRY_POINTS
+from graph.store import points
 from runtime.host.console.styles import console_for, count
 from runtime.host.console.terminal import program
 from runtime.host.errors import BadInput
@@ -74,7 +74,7 @@ def catalog(name: str | None = None, library: str | None = None, models: bool = 
 def libraries() -> list[Library]:
     """Return every Library, Tickwork's first."""
     modules = {"tickwork": [OWN]}
-    for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+    for point in points():
         modules.setdefault(point.dist.name if point.dist else point.name, []).append(point.module)
     return [read(name, tuple(dict.fromkeys(places))) for name, places in modules.items()]
 
