@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint coverage stencils test golden test-all test-hardware reference reference-damiao soak sanitize build docs wheel wheels clean FORCE
+.PHONY: help run lint coverage stencils test golden test-all test-hardware reference reference-packages soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -46,7 +46,7 @@ help:
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
 	echo "make reference      run the programs of Epically Powerful on emulated devices, in an environment of their own"
-	echo "make reference-damiao  compare the frames of packages/tickwork-damiao with those of a public client"
+	echo "make reference-packages  compare the frames of packages/ with those of their vendors' and public clients"
 	echo "make soak           run the long tests; a missing tool, such as the fuzzer, is an error"
 	echo "make sanitize       run the tests of native code with AddressSanitizer, UBSan and ThreadSanitizer"
 	echo "make build          compile changed modules and write type stubs of blocks and of native modules"
@@ -111,9 +111,9 @@ build/reference/installed:
 	build/reference/bin/python -m pip install --quiet epicallypowerful==1.0.7 pymscl==68.4.5 msgpack
 	touch $@
 
-reference-damiao: $(VENV)/installed-test $(VENV)/stubs
-	$(VENV)/bin/python -m pip install --quiet --no-deps --upgrade --target build/damiao-motor damiao-motor==1.0.6
-	SKIPPED_FILES=error PYTHONPATH=$(CURDIR)/build/damiao-motor exec $(VENV)/bin/python -m pytest tests/test_packages.py $(TESTS)
+reference-packages: $(VENV)/installed-test $(VENV)/stubs
+	$(VENV)/bin/python -m pip install --quiet --no-deps --upgrade --target build/clients damiao-motor==1.0.6 moteus==1.1.1
+	SKIPPED_FILES=error PYTHONPATH=$(CURDIR)/build/clients exec $(VENV)/bin/python -m pytest tests/test_packages.py $(TESTS)
 
 # With SKIPPED_FILES=error a file whose tests are all skipped is an error: tests/conftest.py.
 soak: $(VENV)/installed-test

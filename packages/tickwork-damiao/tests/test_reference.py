@@ -8,7 +8,7 @@ import pytest
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tickwork_damiao import Damiao, EmulatedDamiao, models, protocol
 
-client = pytest.importorskip("damiao_motor.core.motor", reason="`make reference-damiao` installs it")
+client = pytest.importorskip("damiao_motor.core.motor", reason="`make reference-packages` installs it")
 FRAMES = 1000
 NAMES = [name for name in models.MODELS]
 

@@ -126,9 +126,9 @@ def bring_up(
     name: str, bitrate: float, restart: int = Wants.restart, queue: int = Wants.queue, data_bitrate: float = 0
 ) -> str:
     """Return the commands that bring an interface up. data_bitrate : bit/s of CAN FD, 0 for classic CAN"""
-    flexible = f"dbitrate {data_bitrate} fd on " if data_bitrate else ""
+    rates = f"{bitrate} dbitrate {data_bitrate} fd on" if data_bitrate else f"{bitrate}"
     return (
-        f"sudo ip link set {name} type can bitrate {bitrate} {flexible}restart-ms {restart} && "
+        f"sudo ip link set {name} type can bitrate {rates} restart-ms {restart} && "
         f"sudo ip link set {name} txqueuelen {queue} up"
     )
 

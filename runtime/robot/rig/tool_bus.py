@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from graph import dialogue
+from graph.budget import CLASSIC_BYTES
 from runtime.host.console.confirm import confirm
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
@@ -89,8 +90,13 @@ class ToolBus:
         self.lock.close()
 
     def send(self, frame: tuple[int, bool, bytes], why: str) -> bool:
-        """Send a frame. Returns whether the interface accepted it. frame : (identifier, is extended, data)"""
+        """Send a frame. Returns whether the interface accepted it. frame : (identifier, is extended, data)
+
+        A frame of CAN FD is not sent on a bus of classic CAN, where no drive understands it.
+        """
         identifier, extended, data = frame
+        if len(data) > CLASSIC_BYTES and not self.bus.fd:
+            return False
         deadline = time.monotonic() + TX_QUEUE_TIMEOUT
         while not self.wire.send(identifier | EXTENDED * extended, bytes(data)):
             if self.wire.trouble or time.monotonic() > deadline:
