@@ -84,7 +84,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
                 assist(ankle, torque, walking, leg, limit=limit, slew=2000.0)
         placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
-        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
+        ordered(walking, thigh=thighs, shank=shanks)
         CsvRecorder()
         PlotJuggler()
     return diagram

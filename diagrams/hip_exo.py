@@ -9,8 +9,18 @@ Transactions on Robotics 35) The law needs no gait phase; the phases of both leg
 the torque fades when that is not certain. Angles are flexion from upright; positive torque flexes the hip.
 """
 
+from math import radians
+
 from blocks.actuators import CubeMars
-from blocks.gait import DelayedOutputFeedback, GaitState, PhaseKalmanFilter, SensorPlacement, ThighEvents, TorqueGate
+from blocks.gait import (
+    DelayedOutputFeedback,
+    GaitState,
+    PhaseKalmanFilter,
+    SegmentPosture,
+    SensorPlacement,
+    ThighEvents,
+    TorqueGate,
+)
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.recorders import CsvRecorder
@@ -40,6 +50,8 @@ def build(gain=4.0, delay=0.25):
             left=left[1]["velocity"],
             right=right[1]["velocity"],
         )
+        posture = SegmentPosture("thigh IMU", lowest=radians(-15.0), highest=radians(45.0), name="posture")
+        posture(left=left[0], right=right[0], enable=state.walking)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -35,7 +35,7 @@ def build(mass=70.0, scale=0.15, delay=0.15):
         placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
         placed("insoles", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", loads, opposite=True, enable=walking)
-        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
+        ordered(walking, thigh=thighs, shank=shanks)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -47,7 +47,7 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
         placed("resistors", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "resistors", loads, opposite=True, enable=walking)
         placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
-        ordered(walking, thigh=rates(thighs), shank=rates(shanks), foot=rates(feet))
+        ordered(walking, thigh=thighs, shank=shanks, foot=feet)
         CsvRecorder()
         PlotJuggler()
     return diagram

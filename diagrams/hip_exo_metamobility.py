@@ -9,12 +9,15 @@ the other the gait phase, without which no torque acts.
 """
 
 from blocks.filters import Butterworth
+from blocks.gait import SegmentPosture
 from blocks.imus import ICM20948
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SIDES, Motion, assist, drive, hip_assistance, learned_gait, pitch, walk
 from wearer import wearer as plant  # noqa: F401
+
+PELVIS = 0.5  # rad, largest mean pitch in walking: that of adults reaches 0.42
 
 
 def build(mass=70.0, scale=0.15, delay=0.15):
@@ -33,6 +36,8 @@ def build(mass=70.0, scale=0.15, delay=0.15):
         for side, leg in gaits.items():
             with subsystem(side):
                 assist(hips[side], torques[side], walking, leg)
+        posture = SegmentPosture("pelvis IMU", "upright", difference=PELVIS, slip=0.26, name="pelvis_posture")
+        posture(left=pelvis.angle, enable=walking)
         CsvRecorder()
         PlotJuggler()
     return diagram

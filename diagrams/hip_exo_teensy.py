@@ -14,7 +14,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import Microcontroller
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
-from parts import SIDES, assist, drive, gait, pitch, placed, rates, walk
+from parts import SIDES, assist, drive, gait, ordered, pitch, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 FIELDS = (
@@ -43,6 +43,7 @@ def build(gain=6.0, delay=0.22):
                 hips[side] = drive(side, "hip", can_id, "AK80-9-V2.0")
                 assist(hips[side], torque, walking, gaits[side])
         placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
+        ordered(walking, thigh=thighs)
         CsvRecorder()
         PlotJuggler()
     return diagram

@@ -40,7 +40,7 @@ def build(assistance=1.0):
         placed("thigh IMUs", rates(thighs), "hip drives", rates(drives["hip"]))
         placed("shank IMUs", rates(shanks), "knee drives", rates(drives["knee"]), opposite=True, enable=walking)
         placed("insoles", loads, "shank IMUs", rates(shanks), opposite=True, enable=walking)
-        ordered(walking, thigh=rates(thighs), shank=rates(shanks))
+        ordered(walking, thigh=thighs, shank=shanks)
         CsvRecorder()
         PlotJuggler()
     return diagram

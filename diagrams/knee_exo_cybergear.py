@@ -10,7 +10,7 @@ and flexes it before swing. The computer is a Raspberry Pi 4B, with the converte
 
 from blocks.actuators import RobStride
 from blocks.controllers import TorqueProfile
-from blocks.gait import ContactEvents, GaitState, SensorPlacement
+from blocks.gait import ContactEvents, GaitState, SegmentPosture, SensorPlacement
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
@@ -28,9 +28,13 @@ def build(side="left", assistance=1.0):
         with subsystem(side):
             knee = RobStride("CyberGear", bus="knee", invert=side == "right", name="knee")
             thigh, shank = imu("thigh", "133941"), imu("shank", "133942")
-            bend = flexion("knee", thigh, shank).velocity
+            bend = flexion("knee", thigh, shank)
             placement = SensorPlacement("IMUs of thigh and shank", "knee drive", one_leg=True, name="placement")
-            placement(left_reference=knee.velocity, left=bend)
+            placement(left_reference=knee.velocity, left=bend.velocity)
+            posture = SegmentPosture(
+                "flexion from the IMUs of thigh and shank", "that of the knee drive", name="posture"
+            )
+            posture(left=bend.angle, right=knee.position)
             load = FSR(name="heel")(ADS1115(channels=("a0",), timeout=0.1, rate=475, name="converter").a0)
             strike = ContactEvents(smallest=10.0, name="heel_events")(load.force).strike
             leg = gait(*thigh, strike)

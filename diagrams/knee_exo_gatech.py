@@ -39,10 +39,10 @@ def build(mass=70.0, share=0.3, delay=0.1):
                 options = {"limit": 12.0, "slew": 300.0, "uncertainty": phase.uncertainty}
                 assist(knees[side], extension + flex, walking, phase, **options)
         thighs, shanks, feet, loads = ({side: leg[2][place] for side, leg in legs.items()} for place in range(4))
-        placed("shank IMUs", shanks, "knee drives", rates(knees), opposite=True, enable=walking)
-        placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
-        placed("insoles", loads, "shank IMUs", shanks, opposite=True, enable=walking)
-        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "knee drives", rates(knees), opposite=True, enable=walking)
+        placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
+        placed("insoles", loads, "shank IMUs", rates(shanks), opposite=True, enable=walking)
+        placed("thigh IMUs", rates(thighs), "insoles", loads, opposite=True, enable=walking)
         ordered(walking, thigh=thighs, shank=shanks, foot=feet)
         CsvRecorder()
         PlotJuggler()
@@ -50,11 +50,11 @@ def build(mass=70.0, share=0.3, delay=0.1):
 
 
 def leg(side, number, mass):
-    """Return the Gait of one leg, the biological torque of its knee, and (rates of its segments, load on its foot)."""
+    """Return the Gait of one leg, the biological torque of its knee, and (Motion of its segments, load on its foot)."""
     with subsystem(side):
         thigh, shank, foot = (imu(segment, f"1339{number}{place}") for place, segment in enumerate(SEGMENTS))
         flexion("ankle", foot, shank)
         knee = flexion("knee", thigh, shank)
         sole = insole(side)
-        signals = thigh.velocity, shank.velocity, foot.velocity, sole.load
+        signals = thigh, shank, foot, sole.load
         return gait(*thigh, sole.strike, shank), leg_torque("knee", knee, thigh, mass), signals

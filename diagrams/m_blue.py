@@ -29,7 +29,7 @@ from blocks.sinks import PlotJuggler
 from blocks.trigonometry import Sin
 from blocks.vectors import MatrixGain
 from graph import Diagram, Live, Signal, stack, subsystem
-from parts import PROFILES, SIDES, Gait, Motion, assist, drive, flexion, gait, imu, placed, rates, walk
+from parts import PROFILES, SIDES, Gait, Motion, assist, drive, flexion, gait, imu, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 # Torques of hip and knee in N·m/kg per sin(thigh), sin(shank), sin(knee) and 1, with the whole weight on the foot and
@@ -67,7 +67,9 @@ def build(controller="energy", mass=70.0, share=0.15, assistance=1.0):
                 for joint, torque in torques.items():
                     uncertainty = 0.0 if controller == "energy" else own.gait.uncertainty
                     assist(own.drives[joint], torque, enabled, own.gait, slew=200.0, uncertainty=uncertainty)
-        thighs = rates({side: own.thigh for side, own in legs.items()})
+        motions = {side: own.thigh for side, own in legs.items()}
+        thighs = rates(motions)
+        ordered(walking, thigh=motions)
         placed("thigh IMUs", thighs, "hip drives", rates({side: own.drives["hip"] for side, own in legs.items()}))
         loads = {side: own.load for side, own in legs.items()}
         placed("insoles", loads, "thigh IMUs", thighs, opposite=True, enable=walking)

@@ -5,7 +5,7 @@ straight stand, with x forward and z down, so that their pitch is the pitch of t
 """
 
 from itertools import pairwise
-from math import pi
+from math import pi, radians
 from typing import NamedTuple
 
 from blocks.actuators import Actuator
@@ -16,6 +16,7 @@ from blocks.gait import (
     GaitState,
     PhaseKalmanFilter,
     SegmentOrder,
+    SegmentPosture,
     SensorPlacement,
     ThighEvents,
     TorqueGate,
@@ -34,6 +35,8 @@ from graph import Signal, stack, subsystem
 SIDES = ("left", "right")
 SEGMENTS = ("thigh", "shank", "foot")
 POSITIVE = {"hip": "flexion", "abduction": "hip abduction", "knee": "flexion", "ankle": "dorsiflexion"}
+# Mean pitch of a segment in walking, in degrees: of people who walk on level ground, slopes and stairs, or crouched.
+POSTURES = {"thigh": (-15.0, 45.0), "shank": (-45.0, 15.0), "foot": (-65.0, 20.0)}
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
 
@@ -180,15 +183,19 @@ def placed(sensors, signals, reference, references, **options):
     monitor(**inputs, **enable)
 
 
-def ordered(walking, **rates):
-    """End the run if sensors of one leg are exchanged between its segments.
+def ordered(walking, **segments):
+    """End the run if sensors of one leg are exchanged between its segments, or one is turned or slips.
 
-    rates : segments from the hip down, such as thigh={side: Signal}, shank={side: Signal}
+    segments : from the hip down, such as thigh={side: Motion}, shank={side: Motion}
     """
-    for (upper, above), (lower, below) in pairwise(rates.items()):
+    for (upper, above), (lower, below) in pairwise(segments.items()):
         monitor = SegmentOrder(f"{upper} IMU", f"{lower} IMU", name=f"{upper}_{lower}_order")
         inputs = {f"{side}_{place}": leg[side] for place, leg in (("upper", above), ("lower", below)) for side in leg}
-        monitor(**inputs, enable=walking)
+        monitor(**{name: motion.velocity for name, motion in inputs.items()}, enable=walking)
+    for segment, motions in segments.items():
+        lowest, highest = (radians(angle) for angle in POSTURES[segment])
+        posture = SegmentPosture(f"{segment} IMU", lowest=lowest, highest=highest, name=f"{segment}_posture")
+        posture(**{side: motion.angle for side, motion in motions.items()}, enable=walking)
 
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):

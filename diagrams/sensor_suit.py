@@ -11,7 +11,7 @@ it records, and streams to PlotJuggler or Rerun.
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, ordered, placed, walk
+from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -23,9 +23,9 @@ def build(mass=70.0):
         thighs, shanks, feet, loads = (
             {side: signals[place] for side, (_, signals) in legs.items()} for place in range(4)
         )
-        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
-        placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
-        placed("foot IMUs", feet, "shank IMUs", shanks, enable=walking)
+        placed("thigh IMUs", rates(thighs), "insoles", loads, opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "insoles", loads, opposite=True, enable=walking)
+        placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
         ordered(walking, thigh=thighs, shank=shanks, foot=feet)
         CsvRecorder()
         PlotJuggler()
@@ -33,10 +33,10 @@ def build(mass=70.0):
 
 
 def leg(side, serial, mass):
-    """Return the Gait of one leg and (rates of its segments, load on its foot). serial : sensor on the thigh"""
+    """Return the Gait of one leg and (Motion of its segments, load on its foot). serial : sensor on the thigh"""
     with subsystem(side):
         thigh, shank, foot = (imu(segment, str(number)) for number, segment in enumerate(SEGMENTS, serial))
         leg_torque("knee", flexion("knee", thigh, shank), thigh, mass)
         flexion("ankle", foot, shank)
         sole = insole(side)
-        return gait(*thigh, sole.strike, shank), (thigh.velocity, shank.velocity, foot.velocity, sole.load)
+        return gait(*thigh, sole.strike, shank), (thigh, shank, foot, sole.load)

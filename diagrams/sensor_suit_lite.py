@@ -10,7 +10,7 @@ The suit has no actuator: it records, and streams to PlotJuggler or Rerun. Its c
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, flexion, gait, imu, insole, ordered, placed, walk
+from parts import SIDES, flexion, gait, imu, insole, ordered, placed, rates, walk
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -21,8 +21,8 @@ def build():
         legs = {side: leg(side, pelvis, serial) for side, serial in zip(SIDES, (134001, 134003))}
         walking = walk({side: own for side, (own, _) in legs.items()})
         thighs, shanks, loads = ({side: signals[place] for side, (_, signals) in legs.items()} for place in range(3))
-        placed("thigh IMUs", thighs, "insoles", loads, opposite=True, enable=walking)
-        placed("shank IMUs", shanks, "insoles", loads, opposite=True, enable=walking)
+        placed("thigh IMUs", rates(thighs), "insoles", loads, opposite=True, enable=walking)
+        placed("shank IMUs", rates(shanks), "insoles", loads, opposite=True, enable=walking)
         ordered(walking, thigh=thighs, shank=shanks)
         CsvRecorder()
         PlotJuggler()
@@ -30,10 +30,10 @@ def build():
 
 
 def leg(side, pelvis, serial):
-    """Return the Gait of one leg and (rates of its segments, load on its foot). serial : sensor on the thigh"""
+    """Return the Gait of one leg and (Motion of its segments, load on its foot). serial : sensor on the thigh"""
     with subsystem(side):
         thigh, shank = imu("thigh", str(serial)), imu("shank", str(serial + 1))
         flexion("hip", thigh, pelvis)
         flexion("knee", thigh, shank)
         sole = insole(side)
-        return gait(*thigh, sole.strike), (thigh.velocity, shank.velocity, sole.load)
+        return gait(*thigh, sole.strike), (thigh, shank, sole.load)

@@ -4,7 +4,7 @@ from blocks.controllers.gait import GaitPhase, TorqueProfile
 from blocks.gait.events import ContactEvents, GyroEvents, KneeEvents, ThighEvents
 from blocks.gait.oscillators import AdaptiveOscillator, PhaseKalmanFilter
 from blocks.gait.phase import PhasePortrait, StridePhase
-from blocks.gait.placement import SegmentOrder, SensorPlacement
+from blocks.gait.placement import SegmentOrder, SegmentPosture, SensorPlacement
 from blocks.gait.state import GaitState, StrideEnvelope, TorqueGate
 from blocks.gait.torque import BiologicalTorque, DelayedOutputFeedback, PeakProfile, SplineProfile, StanceSwingImpedance
 
@@ -21,6 +21,7 @@ __all__ = [
     "PhaseKalmanFilter",
     "PhasePortrait",
     "SegmentOrder",
+    "SegmentPosture",
     "SensorPlacement",
     "SplineProfile",
     "StanceSwingImpedance",

@@ -1,6 +1,8 @@
-"""Comparison of sensors on both legs with a reference, before torque relies on them."""
+"""Sensors on the legs that are exchanged, turned or have slipped, before torque relies on them."""
 
 from __future__ import annotations
+
+import math
 
 from cext.kernels import gait_placement as kernels
 from graph import Block, Input, Memory, Output, Param
@@ -20,7 +22,10 @@ class SensorPlacement(Block):
     A thigh moves with its hip drive in any motion. In walking only, a foot moves with its shank, and a shank is
     `opposite` to its knee drive, as thigh and shank are to the load on the foot: connect `enable` to the `walking` of a
     GaitState. With `one_leg`, leave the inputs of the right leg unconnected, and compare the difference of the rates of
-    thigh and shank with the knee drive: it is reversed if these sensors are exchanged, or the shank is upside down.
+    thigh and shank with the knee drive, which are the same: they disagree below 0.8.
+
+    After 0.5 s of comparison, samples count only while `enable` is true, and are compared 1 s after it has become true:
+    a stand and the step that ends it do not count.
 
     Limits: which of sensors and references are exchanged does not show; two sensors that are both upside down count as
     exchanged. Direct feedthrough; NaN and infinity give NaN and are not stored.
@@ -41,21 +46,23 @@ class SensorPlacement(Block):
     enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
     agreement = Output("1", "correlation of sensors and references, left less right")
     sign = Memory(1.0, "sign of the correlation")
-    moments = Memory((0.0,) * 16, "moments of sensors and references, times of motion and of disagreement")
+    limit = Memory(-0.1, "agreement below which sensors are exchanged")
+    moments = Memory((0.0,) * 18, "moments of sensors and references, times of motion and of disagreement")
 
     kernel = kernels.placement
     free_units = ("left_reference", "right_reference")
 
     def configure(self) -> None:
         self.sign = -1.0 if self.opposite else 1.0
+        self.limit = 0.8 if self.one_leg else -0.1
 
     def fault_text(self, status: int) -> str:
         """Return which sensors are misplaced, and what to do."""
         side = ("left", "right")[status % 2 == 0]
         if self.one_leg:
             return (
-                f"the {self.sensors} do not move as the {self.reference}: they are exchanged, or one is upside down. "
-                "Exchange them, turn it the right way up, or set invert of the drive"
+                f"the {self.sensors} do not move as the {self.reference}: they are exchanged, or one is turned. "
+                "Exchange them, mount it as in the diagram, or set invert of the drive"
             )
         if status == 64:
             return (
@@ -75,7 +82,8 @@ class SegmentOrder(Block):
     In walking, a lower segment turns faster. In means over 1 s, the variance of the rate of a shank is at least 1.38
     times that of the thigh, and that of a foot 1.34 times that of the shank, in three recorded adults and in walkers
     from 0.5 to 1.9 m/s. The run ends with a fault that names the sensors after 0.2 s in which that of the lower segment
-    is less than 0.85 times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. With one
+    is less than 0.85 times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. After
+    0.5 s of comparison, samples count only while it is true, and are compared 1 s after it has become true. With one
     leg, leave the inputs of the right one unconnected. Limits: a knee or ankle that is locked is just within the limit.
     NaN and infinity are not stored.
     """
@@ -88,7 +96,7 @@ class SegmentOrder(Block):
     left_lower = Input("rad/s", "rate of the lower segment of the left leg")
     right_lower = Input("rad/s", "the same of the right leg", default=0.0)
     enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
-    moments = Memory((0.0,) * 9, "means and mean squares of the rates, time of the wrong order")
+    moments = Memory((0.0,) * 11, "means and mean squares of the rates, time of the wrong order")
 
     kernel = kernels.segment_order
 
@@ -99,3 +107,51 @@ class SegmentOrder(Block):
             f"the {self.upper} of the {side} leg turns faster than its {self.lower}: they are exchanged, or one is "
             "turned or on the other leg. Exchange them, or their serial numbers in the diagram"
         )
+
+
+class SegmentPosture(Block):
+    """Fault of an inertial sensor that is turned about the axis of flexion, or has slipped.
+
+    In walking, the mean pitches of a segment of both legs differ by a few degrees. The run ends with a fault that names
+    the sensor after 0.2 s in which, while `enable` is true (connect the `walking` of a GaitState),
+
+        turned       left and right differ by more than `difference`
+        both turned  a pitch is outside `lowest` to `highest`
+
+    and after 1 s in which it has slipped: the difference has changed by more than `slip` from its mean over the last 30
+    s of walking, of at least 5 s. Means have two stages of 0.6 s each. After 0.5 s of comparison, a pause of walking
+    starts them again, and they are compared after 3 s. With one sensor, compare it with a `reference`: the flexion from
+    two sensors with a drive, or the pitch of the pelvis with 0. Limits: stairs that are climbed with one leg first, and
+    a gait that is more asymmetric than `difference`, are faults. NaN and infinity are not stored.
+    """
+
+    rules = ("lowest < highest",)
+
+    sensors = Param("thigh IMU", "1", "name of the sensor of each leg in the fault", dtype=str)
+    reference = Param("", "1", "name of the reference instead of the other leg", dtype=str)
+    lowest = Param(-math.pi, "rad", "lowest mean pitch in walking")
+    highest = Param(math.pi, "rad", "highest mean pitch in walking")
+    difference = Param(0.26, "rad", "largest difference of left and right", above=0.0)
+    slip = Param(0.18, "rad", "largest change of the difference", above=0.0)
+
+    left = Input("rad", "pitch of the segment of the left leg, or angle of the sensor")
+    right = Input("rad", "the same of the right leg, or of the reference", default=0.0)
+    enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
+    means = Memory((0.0,) * 11, "means of the pitches, and times")
+
+    kernel = kernels.segment_posture
+
+    def fault_text(self, status: int) -> str:
+        """Return which sensor is turned, and what to do."""
+        case, right = divmod(status - 64, 2)
+        sensor = self.sensors if self.reference else f"{self.sensors} of the {('left', 'right')[right]} leg"
+        other = self.reference or "that of the other leg"
+        low, high, difference, slip = (
+            f"{math.degrees(value):.0f}°" for value in (self.lowest, self.highest, self.difference, self.slip)
+        )
+        return (
+            f"the {sensor} has a mean pitch outside {low} to {high} in walking: it is turned about the axis of flexion",
+            f"the {sensor} differs from {other} by more than {difference} in the mean: it is turned about the axis of "
+            "flexion, or its zero is wrong",
+            f"the {sensor} has slipped by more than {slip} against {other} in walking",
+        )[case] + ". Mount it as in the diagram"

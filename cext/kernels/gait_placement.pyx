@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Sensors of the legs that are exchanged, upside down or turned."""
 
-from libc.math cimport NAN, sqrt
+from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, FIRST_OWN_STATUS, ITEMS, OK, export, items, kernel_t
@@ -17,8 +17,9 @@ cdef enum:                              # statuses
 cdef double MEAN_TIME = 0.6             # s, time constant of all means
 cdef double MOVING = 0.3                # standard deviation of the reference, left less right, from which legs move
 cdef double MOVED_TIME = 0.6            # s of motion before the first comparison
+cdef double RESUME_TIME = 1.0           # s of walking after a pause before the next comparison
+cdef double COMPARED_TIME = 0.5         # s of comparison from which only samples of walking count
 cdef double FAULT_TIME = 0.2            # s of disagreement that are a fault
-cdef double EXCHANGED_LIMIT = -0.1      # correlation of the differences between the legs
 cdef double REVERSED_LIMIT = -0.3       # correlation of a sensor with its reference
 cdef double FOLLOWING_LIMIT = 0.3       # the same, above which it follows its reference
 cdef double STILL_SHARE = 0.06          # of the variance of the other leg's sensor,
@@ -28,9 +29,10 @@ cdef double MOVING_SHARE = 0.25         # while its reference has this share
 cdef struct Placement:
     int32_t left_reference, right_reference, left, right, enable, agreement
     int32_t sign                # -1 if sensor and reference move in opposite directions
+    int32_t limit               # agreement below which sensors are exchanged
     int32_t moments             # see below
 
-PLACEMENT = items((<Placement *>ITEMS)[0], "moments[16]")
+PLACEMENT = items((<Placement *>ITEMS)[0], "moments[18]")
 
 cdef enum:
     Q = 0                       # means of both references,
@@ -43,11 +45,27 @@ cdef enum:
     X_BOTH = 13
     MOVED = 14                  # s of motion
     WRONG = 15                  # s of disagreement
+    COMPARED = 16               # s of comparison,
+    RESUMED = 17                # and since a pause
 
 
 cdef inline double correlation(double covariance, double one, double other) noexcept nogil:
     """Return the correlation from a covariance and two variances, 0 where one is constant."""
     return covariance / sqrt(one * other) if one > 0.0 and other > 0.0 else 0.0
+
+
+cdef inline bint pauses(double enable, double dt, double *compared, double *resumed) noexcept nogil:
+    """Return whether the comparison is suspended again: a stand and the step that ends it do not count.
+
+    compared : s of comparison; resumed : negative until the comparison may go on
+    """
+    if enable == 0.0 and compared[0] > COMPARED_TIME:
+        resumed[0] = -RESUME_TIME
+        return True
+    if enable != 0.0:
+        compared[0] += dt
+        resumed[0] += dt
+    return False
 
 
 cdef int placement_kernel(double *arena, const Placement *at, const Placement *sizes) noexcept nogil:
@@ -67,6 +85,9 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     x[1] = arena[at.sign] * arena[at.right]
     if not is_finite(q[0] + q[1] + x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
         arena[at.agreement] = NAN
+        return OK
+    if pauses(arena[at.enable], arena[DT], m + COMPARED, m + RESUMED):
+        m[WRONG] = 0.0
         return OK
     # 1. Moments of references and sensors.
     for i in range(2):
@@ -92,13 +113,13 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     agreement = correlation(c, spread_q, spread_x)
     arena[at.agreement] = agreement
     m[MOVED] = m[MOVED] + arena[DT] if spread_q > MOVING * MOVING else 0.0
-    if m[MOVED] < MOVED_TIME or arena[at.enable] == 0.0:
+    if m[MOVED] < MOVED_TIME or arena[at.enable] == 0.0 or m[RESUMED] < 0.0:
         m[WRONG] = 0.0
         return OK
     for i in range(2):
         own[i] = correlation(own[i], vq[i], vx[i])
     # 3. Exchanged sensors disagree on both legs, a reversed one on its own; a turned one hardly moves.
-    if agreement < EXCHANGED_LIMIT and max(own[0], own[1]) < FOLLOWING_LIMIT:
+    if agreement < arena[at.limit] and max(own[0], own[1]) < max(arena[at.limit], FOLLOWING_LIMIT):
         status = EXCHANGED
     for i in range(2):
         if status == OK and vx[i] < STILL_SHARE * vx[1 - i] and vq[i] > MOVING_SHARE * vq[1 - i]:
@@ -119,9 +140,9 @@ cdef double ORDER_SHARE = 0.85          # of the variance of the upper segment
 
 cdef struct Order:
     int32_t left_upper, right_upper, left_lower, right_lower, enable
-    int32_t moments             # means, then mean squares, of the inputs in their order; s of the wrong order
+    int32_t moments             # means, then mean squares, of the inputs in their order; s of the wrong order, of comparison, and since a pause
 
-ORDER = items((<Order *>ITEMS)[0], "moments[9]")
+ORDER = items((<Order *>ITEMS)[0], "moments[11]")
 
 
 cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexcept nogil:
@@ -136,15 +157,93 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
     x[3] = arena[at.right_lower]
     if not is_finite(x[0] + x[1] + x[2] + x[3]) or arena[at.enable] != arena[at.enable]:
         return OK
+    if pauses(arena[at.enable], arena[DT], m + 9, m + 10):
+        m[8] = 0.0
+        return OK
     for i in range(4):
         m[i] += share * (x[i] - m[i])
         m[4 + i] += share * (x[i] * x[i] - m[4 + i])
     for i in range(2):
         if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < ORDER_SHARE * (m[4 + i] - m[i] * m[i]):
             status = RIGHT_ORDER if i else LEFT_ORDER
-    m[8] = m[8] + arena[DT] if status != OK and arena[at.enable] != 0.0 else 0.0
+    m[8] = m[8] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[10] >= 0.0 else 0.0
     return status if m[8] > FAULT_TIME else OK
 
 
+cdef enum:                              # statuses
+    LEFT_POSTURE = FIRST_OWN_STATUS
+    RIGHT_POSTURE = FIRST_OWN_STATUS + 1
+    LEFT_TURNED = FIRST_OWN_STATUS + 2
+    RIGHT_TURNED = FIRST_OWN_STATUS + 3
+    LEFT_SLIPPED = FIRST_OWN_STATUS + 4
+    RIGHT_SLIPPED = FIRST_OWN_STATUS + 5
+
+cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means
+cdef double MEAN_AFTER = 3.0            # s of samples from which they are compared
+cdef double SLIP_TIME = 1.0             # s of a changed posture that are a fault
+cdef double USUAL_TIME = 30.0           # s, time constant of the usual posture
+cdef double USUAL_AFTER = 5.0           # s of walking from which it is known
+
+
+cdef struct Posture:
+    int32_t left, right, enable, lowest, highest, difference, slip
+    int32_t means               # see below
+
+POSTURE = items((<Posture *>ITEMS)[0], "means[11]")
+
+cdef enum:
+    STAGE = 0                   # first stage of the means of left and right,
+    MEAN = 2                    # second stage,
+    USUAL = 4                   # and their means in walking
+    TIME = 6                    # s of samples without a pause
+    WALKED = 7                  # s of walking
+    ASTRAY = 8                  # s of a wrong posture, less s of a right one
+    POSTURES = 9                # s of comparison,
+    AGAIN = 10                  # and since a pause
+
+
+cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) noexcept nogil:
+    cdef double *m = arena + at.means
+    cdef double x[2]
+    cdef double moved[2]
+    cdef double share, difference
+    cdef double centre = 0.5 * (arena[at.lowest] + arena[at.highest])
+    cdef int i
+    cdef int status = OK
+    x[0] = arena[at.left]
+    x[1] = arena[at.right]
+    if not is_finite(x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
+        return OK
+    if pauses(arena[at.enable], arena[DT], m + POSTURES, m + AGAIN):
+        m[TIME] = m[ASTRAY] = 0.0
+        return OK
+    # 1. Means of two stages, which weigh the first samples alike.
+    m[TIME] += arena[DT]
+    share = arena[DT] / min(m[TIME], POSTURE_TIME)
+    for i in range(2):
+        m[STAGE + i] += share * (x[i] - m[STAGE + i])
+        m[MEAN + i] += share * (m[STAGE + i] - m[MEAN + i])
+    if arena[at.enable] == 0.0 or m[TIME] < MEAN_AFTER:
+        return OK
+    # 2. The usual posture in walking.
+    m[WALKED] += arena[DT]
+    share = arena[DT] / min(m[WALKED], USUAL_TIME)
+    for i in range(2):
+        m[USUAL + i] += share * (m[MEAN + i] - m[USUAL + i])
+        moved[i] = m[MEAN + i] - m[USUAL + i]
+    # 3. One sensor has slipped, differs from that of the other leg, or both are turned.
+    difference = m[MEAN] - m[MEAN + 1]
+    if m[WALKED] > USUAL_AFTER and fabs(moved[0] - moved[1]) > arena[at.slip]:
+        status = RIGHT_SLIPPED if fabs(moved[1]) > fabs(moved[0]) else LEFT_SLIPPED
+    elif fabs(difference) > arena[at.difference]:
+        status = RIGHT_TURNED if fabs(m[MEAN + 1] - centre) > fabs(m[MEAN] - centre) else LEFT_TURNED
+    for i in range(2):
+        if status == OK and not arena[at.lowest] <= m[MEAN + i] <= arena[at.highest]:
+            status = RIGHT_POSTURE if i else LEFT_POSTURE
+    m[ASTRAY] = max(0.0, m[ASTRAY] + (arena[DT] if status != OK else -arena[DT]))
+    return status if m[ASTRAY] > (SLIP_TIME if status >= LEFT_SLIPPED else FAULT_TIME) else OK
+
+
 segment_order = export(<kernel_t>order_kernel, ORDER)
+segment_posture = export(<kernel_t>posture_kernel, POSTURE)
 placement = export(<kernel_t>placement_kernel, PLACEMENT)

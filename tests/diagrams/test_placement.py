@@ -1,4 +1,4 @@
-"""Sensors of the wearer that are exchanged between the legs: a fault before torque acts in full."""
+"""Sensors of the wearer that are exchanged, turned or slip: a fault before torque acts in full."""
 
 from itertools import combinations
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+import runtime
+from blocks.wearer import SegmentIMU
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams.robots import path
@@ -94,3 +96,65 @@ def test_exchanged_sensors_of_thigh_and_shank_of_one_leg_end_the_run_before_any_
     assert trial.outcome.status == "kernel status 64", trial.outcome
     assert "the IMUs of thigh and shank do not move as the knee drive" in diagram[trial.outcome.culprit].fault_text(64)
     assert abs(trial["left/knee.torque_sent"]).max() < 0.001  # N·m, half a step of the command
+
+
+# Each inertial sensor on which a robot relies, on one leg; the rest is soak.
+WORN = [
+    (robot, f"{side}/{name}")
+    for robot, devices in PLACED.items()
+    for side, name in zip(("left", "right", "left"), SEGMENTS)
+    if name in devices
+] + [("knee_exo_cybergear", "left/thigh_imu"), ("knee_exo_cybergear", "left/shank_imu")]
+FAST = {("hip_exo", "left/thigh_imu"), ("hip_exo_2dof", "left/foot_imu"), ("knee_exo_cybergear", "left/shank_imu")}
+FLEXION = [(0.0, angle, 0.0) for angle in (-60.0, -20.0, 20.0, 60.0)]
+ABOUT = [(180.0, 0.0, 0.0), (90.0, 0.0, 0.0), (-90.0, 0.0, 0.0), (0.0, 0.0, 180.0), (0.0, 0.0, 90.0), (0.0, 180.0, 0.0)]
+
+
+def turned(robot, device, degrees):
+    """Return the diagram and its run with a sensor turned by roll, pitch and yaw, and s with torque."""
+    file, diagram = load(path(robot))
+    plant = build_plant(file, diagram)
+    [sensor] = {wire.source.block for wire in plant.wires if wire.block is plant[device]} & {
+        block for block in plant if isinstance(block, SegmentIMU)
+    }
+    sensor.mounting = tuple(np.radians(degrees))
+    sensor.configure()
+    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
+    torques = [values for name, values in trial.signals.items() if name.endswith(".torque_sent")]
+    acts = np.any(np.abs(torques) > 0.25, axis=0).sum() / diagram.rate if torques else 0.0
+    return diagram, trial.outcome, acts
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize(
+    "robot, device", [pytest.param(*worn, marks=() if worn in FAST else pytest.mark.soak) for worn in WORN]
+)
+def test_a_sensor_turned_about_the_axis_of_flexion_ends_the_run_while_torque_fades_in(robot, device):
+    side, name = device.removesuffix("_imu").split("/")
+    for degrees in FLEXION:
+        diagram, outcome, acts = turned(robot, device, degrees)
+        text = diagram[str(outcome.culprit)].fault_text(int(outcome.status.split()[-1]))
+        assert ("thigh and shank" if robot == "knee_exo_cybergear" else f"{name} IMU of the {side} leg") in text
+        assert "turned about the axis of flexion" in text and acts < 0.5, (degrees, acts)
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize(
+    "robot, device", [pytest.param(*worn, marks=() if worn in FAST else pytest.mark.soak) for worn in WORN]
+)
+def test_a_sensor_turned_about_other_axes_ends_the_run_or_no_torque_acts(robot, device):
+    for degrees in ABOUT:
+        _, outcome, acts = turned(robot, device, degrees)
+        assert acts < (0.5 if outcome.status.startswith("kernel status") else 0.05), (degrees, acts)
+
+
+@pytest.mark.parametrize(
+    "robot", ["hip_exo_2dof", "ankle_exo", pytest.param("knee_exo_gatech", marks=pytest.mark.soak)]
+)
+def test_a_wearer_who_stops_and_walks_on_is_no_fault(robot):
+    """The first step after a stand turns one leg alone."""
+    for person, (speed, rise) in enumerate(((0.5, 1.5), (0.8, 1.0), (1.2, 0.5), (1.6, 0.5), (0.5, 0.5), (0.8, 1.5))):
+        schedule = f"0:0 0.5:0 {0.5 + rise}:{speed} 9:{speed} 10:0 12:0 {12 + rise}:{speed}"
+        settings = {"speed": schedule, "person": person, "mass": 50 + 5 * person, "seed": person}
+        trial = runtime.run(path(robot), 18.0, settings=settings)
+        assert trial.fault is None, (person, trial.fault)

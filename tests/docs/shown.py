@@ -157,6 +157,7 @@ SHOWN = {
             "right_lower": "walker.right_shank_motion[7]",
         },
     ),
+    "SegmentPosture": Shown({}, {"left": "walker.left_thigh_pitch", "right": "walker.right_thigh_pitch"}),
     "SensorPlacement": Shown(
         {"sensors": "thigh IMUs", "reference": "hip drives"},
         {

@@ -1,9 +1,11 @@
 """Sensors that are exchanged, upside down or turned, against a reference on both legs."""
 
+import re
+
 import numpy as np
 import pytest
 
-from blocks.gait import SegmentOrder, SensorPlacement
+from blocks.gait import SegmentOrder, SegmentPosture, SensorPlacement
 from graph import Diagram
 from runtime.setup.bench.gait import play
 from runtime.setup.bench.gait_recordings import legs
@@ -69,3 +71,36 @@ def test_a_thigh_that_turns_faster_than_its_shank_is_a_fault(exchanged):
         status = 64 + ("left", "right").index(exchanged)
         assert trial.outcome.status == f"kernel status {status}" and trial.time[-1] < 2.0
         assert f"thigh IMU of the {exchanged} leg" in diagram["monitor"].fault_text(status)
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("segment", ["thigh", "shank"])
+@pytest.mark.parametrize(
+    "changed, status, text",
+    [
+        (None, "ok", ""),
+        (("left",), "kernel status 66", "IMU of the left leg differs from that of the other leg by more than 15°"),
+        (("right",), "kernel status 67", "IMU of the right leg differs"),
+        (("left", "right"), "kernel status 64", "IMU of the left leg has a mean pitch outside"),
+        ((15.0, 1.0), "kernel status 6[79]", "IMU of the right leg"),
+        ((15.0, 11.0), "kernel status 6[79]", "IMU of the right leg"),
+    ],
+)
+def test_a_sensor_that_is_turned_or_slips_is_a_fault(segment, changed, status, text):
+    """Legs whose sensor is turned, by 20°, or by 60° on both; or (degrees, s) of a slip on the right."""
+    walk = legs(shared("gait/healthy_young.csv"), {})
+    pitches = {leg.name: play(leg, "steady", RATE).signals[segment] for leg in walk}
+    for name in pitches:
+        if changed and changed[0] in pitches:
+            pitches[name] += np.radians(60.0 if len(changed) == 2 else 20.0) * (name in changed)
+    if changed and changed[0] not in pitches:
+        slip = np.interp(np.arange(len(pitches["right"])) / RATE - 20.0, (0.0, changed[1]), (0.0, changed[0]))
+        pitches["right"] += np.radians(slip)
+    with Diagram("posture", RATE) as diagram:
+        inputs = {name: player(values, "rad") for name, values in pitches.items()}
+        SegmentPosture(f"{segment} IMU", lowest=-0.79, highest=0.79, name="monitor")(**inputs)
+    trial = run(diagram, int(45.0 * RATE))
+    assert re.fullmatch(status, trial.outcome.status)
+    if changed:
+        assert text in diagram["monitor"].fault_text(int(trial.outcome.status.split()[-1]))
+        assert trial.time[-1] < (5.0 if changed[0] in pitches else 24.0 + changed[1])
