@@ -137,6 +137,13 @@ class Device(Block):
         """Return the frames of `set_up_frames` that only read."""
         return []
 
+    def unit_memory(self, serial: str) -> dict[str, tuple[float, ...]]:
+        """Return {name of a memory: values} with which every arming requires the unit with this serial number.
+
+        {} for a device that does not report its number while it is armed.
+        """
+        return {}
+
     def enable_frames(self) -> Sequence[Frame]:
         """Return the frames that enable the device without motion. An actuator gets them only after the confirmation of
         the operator, and after its settings were read back.

@@ -1,6 +1,8 @@
-"""Sensors other than IMUs: voltages, load cells, contacts, insoles, microcontrollers, streams of a laboratory."""
+"""Sensors other than IMUs: encoders, voltages, load cells, contacts, insoles, microcontrollers, streams of a lab."""
 
 from blocks.sensors.ads1115 import ADS1115, EmulatedADS1115
+from blocks.sensors.as5048b import AS5048B, EmulatedAS5048B
+from blocks.sensors.as5600 import AS5600, EmulatedAS5600
 from blocks.sensors.forces import FSR, EmulatedFSR, EmulatedLoadCell, LoadCell
 from blocks.sensors.insole import EmulatedInsole, FootContact, Insole
 from blocks.sensors.lsl import LslInlet
@@ -9,7 +11,11 @@ from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
 
 __all__ = [
     "ADS1115",
+    "AS5048B",
+    "AS5600",
     "EmulatedADS1115",
+    "EmulatedAS5048B",
+    "EmulatedAS5600",
     "EmulatedFSR",
     "EmulatedInsole",
     "EmulatedLoadCell",

@@ -6,6 +6,9 @@ follows from the angles: strides, the path of the hips over the loaded feet, and
 
 from __future__ import annotations
 
+import os
+from functools import lru_cache
+
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import asdict, replace
@@ -69,6 +72,12 @@ def samples(file: str, mass: float, height: float) -> Real:
     file : CSV with the columns above, or OpenSim's .mot; mass, height : body mass in kg, height in m. ValueError or
     OSError if the file cannot be used.
     """
+    state = os.stat(file)
+    return _samples(file, mass, height, (os.path.abspath(file), state.st_mtime_ns, state.st_size)).copy()
+
+
+@lru_cache(maxsize=4)  # it takes as long as the simulation of ten seconds
+def _samples(file: str, mass: float, height: float, state: tuple[str, int, int]) -> Real:
     table = read_table(file)
     times = table.times()
     recorded = [side for side in "lr" if any(name.format(side) in table.names for name in ANGLES[0])] or ["l"]

@@ -143,6 +143,8 @@ def prepare_on_rig(request: Request, path: Path) -> Prepared:
         from runtime.robot.rig.record_checks import compare_records
 
         unrecorded, compared = compare_records(rig, diagram, subject.name, request.accept)
+        if compared is not None:
+            compared.require(diagram, schedule)
     require_acceptance(rig.path, [*schedule.caveats, *unrecorded], request.accept)
     if not request.yes and request.arm_on is None and not can_ask():
         raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")

@@ -13,7 +13,7 @@ from graph.dialogue import Confirm, Listen, Rejected, Send, Show
 from graph.family import Family, Request
 from tests.checkout import copy_packages, python
 
-NAMES = {"RobStride", "CubeMars", "InvenSense", "MicroStrain", "OpenIMU", "analogue-to-digital converters"}
+NAMES = {"RobStride", "CubeMars", "InvenSense", "MicroStrain", "OpenIMU", "converters and encoders"}
 
 
 class Point:

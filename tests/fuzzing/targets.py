@@ -32,7 +32,7 @@ from blocks.imus import ICM20948, MPU9250, EmulatedMicroStrain, EmulatedOpenImu,
 from blocks.imus.invensense.emulator import EmulatedICM20948, EmulatedMPU9250
 from blocks.imus.microstrain import mip
 from blocks.safety import EmulatedEStop, EStopHeartbeat
-from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
+from blocks.sensors import ADS1115, AS5048B, AS5600, NAU7802, EmulatedAS5048B, EmulatedAS5600, Insole, Microcontroller
 from blocks.sensors.ads1115 import EmulatedADS1115
 from blocks.sensors.insole import EmulatedInsole
 from blocks.sensors.microcontroller import EmulatedMicrocontroller
@@ -434,6 +434,19 @@ FRAMES = {
         ),
         seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),),
     ),
+    **{
+        kind.__name__.lower(): Target(
+            kind,
+            is_stream=False,
+            same=("counts", "magnet", "position"),
+            tail=answers(address, (0, good)),
+            identifiers=tuple(
+                (EXTENDED | transfer << IDENTITY_SHIFT | address, 5 if transfer == 15 else len(good))
+                for transfer in (0, 1, 15)
+            ),
+        )
+        for kind, address, good in ((AS5600, 0x36, b"\x20\x0a\xbc"), (AS5048B, 0x40, b"\x01\x80\x00\x55\x15"))
+    },
     "nau7802": Target(
         NAU7802,
         {"tare_at_start": False},
@@ -496,6 +509,8 @@ FRAMES |= {
         ("charge_pump_emulated", EmulatedChargePump, (), {}, ((0, 8), (1, 0))),
         ("ads1115_emulated", EmulatedADS1115, (), {}, ((0, 8),)),
         ("nau7802_emulated", EmulatedNAU7802, (), {}, ((0, 8),)),
+        ("as5600_emulated", EmulatedAS5600, (), {}, ((0, 8),)),
+        ("as5048b_emulated", EmulatedAS5048B, (), {}, ((0, 8),)),
         ("mpu9250_emulated", EmulatedMPU9250, (), {}, ((0, 8),)),
         ("icm20948_emulated", EmulatedICM20948, (), {}, ((0, 8),)),
         ("insole_emulated", EmulatedInsole, (), {"rows": 6, "columns": 3}, ((0, 8),)),

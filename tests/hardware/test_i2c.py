@@ -24,12 +24,12 @@ needs_stub = pytest.mark.skipif(
 )
 pytestmark = needs_stub
 NODE = "/dev/i2c-0"
-MPU, MAG, ICM, ADC, NAU, MUX = CHIPS = (0x68, 0x0C, 0x69, 0x48, 0x2A, 0x70)
+MPU, MAG, ICM, ADC, NAU, MUX, KNEE, HIP = CHIPS = (0x68, 0x0C, 0x69, 0x48, 0x2A, 0x70, 0x36, 0x40)
 G = 9.80665  # m/s²
 ROBOT = """
 from blocks.imus import ICM20948, MPU9250
 from blocks.recorders import CsvRecorder
-from blocks.sensors import ADS1115, NAU7802
+from blocks.sensors import ADS1115, AS5600, NAU7802, AS5048B
 from cext.schedule.executor import Executor
 from cext.memory.shared_state import RECORD_ROW, SharedState
 from cext.schedule.program import Program
@@ -40,6 +40,8 @@ with Diagram("sensors", rate=50) as diagram:
     ICM20948(name="thigh", bus="imus", address=0x69, mux=0x70, channel=2, magnetometer=False, accel_range=4, rate=50.0)
     ADS1115(name="insole", bus="imus", channels=("a0", "a2_a3"), rate=64)
     NAU7802(name="handle", bus="imus", tare_at_start=False, capacity=50.0, rate=40)
+    AS5600(name="knee", bus="imus", rate=50.0)
+    AS5048B(name="hip", bus="imus", rate=50.0, invert=True)
     CsvRecorder()
 """
 BUS = RigBus("imus", "i2c", NODE)
@@ -55,6 +57,8 @@ def stub():
             MPU: {0x75: b"\x71", 0x3B: bytes.fromhex("0800 F000 1000 0D0B 0100 FF00 0000")},
             MAG: {0x00: b"\x48", 0x02: bytes.fromhex("01 2C01 38FF 9001 10"), 0x10: bytes((128, 192, 64))},
             ICM: {0x00: b"\xea", 0x2D: bytes.fromhex("2000 0000 E000 0000 0000 0083 0000")},
+            KNEE: {0x0B: bytes((0x30, 0x04, 0x00))},
+            HIP: {0xFB: bytes((0x01, 0x80, 0x00, 0x20, 0x00))},
             NAU: {0x1F: b"\x0f", 0x00: b"\x00", 0x12: (429497).to_bytes(3, "big")},
         }.items():
             for register, data in registers.items():
@@ -100,7 +104,10 @@ def assert_read(last):
     assert vector("thigh.gyro")[2] == pytest.approx(0x0083 * math.radians(1000.0) / 32768.0, rel=1e-9)
     assert last["insole.a0"] == last["insole.a2_a3"] == pytest.approx(1.024, rel=1e-9)
     assert last["handle.force"] == pytest.approx(50.0 * 429497 / (2**24 * 128 * 0.002), rel=1e-9)
-    assert [last[f"{name}.errors"] for name in ("shank", "thigh", "insole", "handle")] == [0.0] * 4
+    assert last["knee.position"] == pytest.approx(math.pi / 2.0) and last["knee.magnet"] == 1.0
+    assert last["hip.position"] == pytest.approx(-math.pi / 4.0) and last["hip.magnet"] == 0.0
+    sensors = ("shank", "thigh", "insole", "handle", "knee", "hip")
+    assert [last[f"{name}.errors"] for name in sensors] == [0.0] * len(sensors)
 
 
 def test_every_sensor_is_set_up_and_read_through_the_kernel(stub, converting):
@@ -121,7 +128,7 @@ def test_a_wrong_address_lists_the_responding_ones(stub):
         insole = ADS1115(name="insole", bus="imus", address=0x49)
     with pytest.raises(SeveralRefused, match="TW128.*address 0x49: no reply") as refused:
         I2cInterface(BUS, [insole])
-    assert "0x0c, 0x2a, 0x48, 0x68, 0x69, 0x70 reply" in str(refused.value)
+    assert "0x0c, 0x2a, 0x36, 0x40, 0x48, 0x68, 0x69, 0x70 reply" in str(refused.value)
 
 
 def test_the_bus_thread_detects_lost_settings(stub):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators import deviations
@@ -60,7 +61,8 @@ class RobStride(ReadBack, Joint, Actuator):
     are written while the drive is stopped, and are lost at power-off. The drive stops itself when it has received
     nothing for `can_timeout`; the CyberGear cannot. Arming writes the mode, the limits and that time-out while the
     drive is stopped, reads them back, and enables the drive only if all are as written. It also reads the unique number
-    of the drive: two numbers behind one id are an error. Faults are never cleared.
+    of the drive: two numbers behind one id are an error, as is another number than that of a unit whose record was
+    compared. Faults are never cleared.
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
@@ -102,7 +104,10 @@ class RobStride(ReadBack, Joint, Actuator):
     )
 
     arrival = Memory(0.0, "arrival of its newest frame in s")
-    unique = Memory((0.0,) * 3, "1 if the drive's unique number was read, and both halves of that number")
+    unique = Memory(
+        (0.0,) * 3,
+        "1 once the drive's unique number was read; 2 if arming expects it, 3 once it has; both halves of that number",
+    )
 
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
@@ -328,6 +333,10 @@ class RobStride(ReadBack, Joint, Actuator):
                 for index in (*self.compared, *(index for index, _ in self.written_settings()))
             ),
         ]
+
+    def unit_memory(self, serial: str) -> dict[str, tuple[float, ...]]:
+        low, high = struct.unpack("<II", bytes.fromhex(serial))
+        return {"unique": (2.0, float(high), float(low))}
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [self.command(frames.ENABLE)]

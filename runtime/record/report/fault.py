@@ -68,6 +68,9 @@ def _when(result: RunResult) -> str:
     return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
 
 
+UNIT_EXPECTED = 2.0  # in the memory `unique` of a drive, from which on arming expects a unit
+
+
 class Case(NamedTuple):
     """A fault, and the block in which it arose, if any. program : of the diagram with the block, robot or plant"""
 
@@ -280,11 +283,18 @@ def silence_of(panel: int) -> str:
     return "its link is lost or slow, or its browser or computer is paused, busy or asleep"
 
 
-def two_devices(block: Block | None) -> str:
+def two_devices(case: Case) -> str:
     """Return which id two devices answer to, and the remedy."""
+    block = case.block
     if not isinstance(block, Device):
         return "two devices answer to one id"
     ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
+    unique = case.result.schedule.items.get(block.path, {}).get("unique")
+    if unique is not None and case.program.values[unique[0]] >= UNIT_EXPECTED:
+        return (
+            f"another unit than the recorded one, or a second device, responds as id {ids} on bus {block.bus}. Mount "
+            "the recorded unit, or run the command `commission` with this one, then start the run again"
+        )
     return (
         f"two devices have id {ids} on bus {block.bus}, or another controller commands it: {shown_by(block)}. Connect "
         "the devices one at a time, and set an id of its own in each with `configure`"
@@ -349,7 +359,7 @@ TEXTS: dict[str, str | Callable[[Case], str]] = {  # of each status of an Outcom
     "e-stop": "the emergency stop was pressed",
     "hung": lambda case: hung(case.result.outcome),
     "unclear pose": lambda case: unclear(case.result),
-    "two devices": lambda case: two_devices(case.block),
+    "two devices": two_devices,
     "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise loop_timeout, "
     "or move what takes long to another thread",
     "page lost": lambda case: lost_page_text(case.result.shared),

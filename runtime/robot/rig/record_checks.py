@@ -13,17 +13,28 @@ from runtime.robot.rig.records import every_record, file_of, recorded_devices
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from graph import Diagram
+    from graph import Diagram, Schedule
     from runtime.robot.rig.file import RigFile
     from runtime.robot.rig.records import Record
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Records of the units that respond, {path of a block: Record}, and lines on what was compared."""
+    """Records of the units that respond, {path of a block: Record}, and lines on what was compared.
+
+    serials : {path: serial number of the only unit that responds}
+    """
 
     records: dict[str, Record]
     lines: list[str]
+    serials: dict[str, str]
+
+    def require(self, diagram: Diagram, schedule: Schedule) -> None:
+        """Let every arming of a run accept these units alone, where they report their numbers while they are armed."""
+        for path, serial in self.serials.items():
+            for name, values in diagram[path].unit_memory(serial).items():
+                first, length = schedule.items[path][name]
+                schedule.arena[first : first + length] = values
 
 
 def compare_records(
@@ -44,6 +55,7 @@ def compare_records(
     units, lines = identities(rig, devices), []
     of_serial = {record.serial: record for record in records}
     live: dict[str, list[str]] = {}
+    serials: dict[str, str] = {}
     for path, found in ((block.path, units.get(block.path)) for block in devices):
         record, about = of_joint.get(path), ""
         if found is None:
@@ -53,13 +65,14 @@ def compare_records(
             live[path] = [f"cannot be compared: {who_responds}"]
         else:
             [(serial, firmware)] = found.items()
+            serials[path] = serial
             about = "serial number and firmware compared" if firmware else "serial number compared, no firmware"
             if (record := of_serial.get(serial, record)) is not None:
                 of_joint[path], live[path] = record, record.differences(serial, firmware)
         if record is not None:
             about = f"accepted although it {'; '.join(live[path])}" if live.get(path) else about
             lines.append(f"{path}: record {record.serial} of {record.signed['date']}; {about}")
-    return caveats_of(devices, of_joint, rig, who, live), Compared(of_joint, lines)
+    return caveats_of(devices, of_joint, rig, who, live), Compared(of_joint, lines, serials)
 
 
 def caveats_of(

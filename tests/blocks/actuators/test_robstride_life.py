@@ -1,6 +1,8 @@
 """Life cycle of a RobStride drive on the bus, from arming to the safe stop, and foreign commands."""
 
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -16,7 +18,8 @@ from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
 from blocks.safety import Rearm
 from cext.memory.shared_state import SharedState
-from graph import Block, Diagram, Input, Output, Param
+from graph import Block, Diagram, Input, Output, Param, compile
+from runtime.record.report.fault import two_devices
 from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.test_robstride_mit_faults import Ask, Broken
 from tests.cext.rigs import Rig
@@ -239,6 +242,55 @@ def test_a_drive_that_waits_disabled_can_be_armed_again(model):
     outcome = rig.run(400, fade=0.0, rearm=rearm, notify=lambda what, outcome: told.append(what))
     assert (outcome.status, told) == ("ok", ["fault", "rearm"])
     assert not rig["drive.fault"].any() and rig["drive.torque"][-1] == pytest.approx(0.1, abs=0.01)
+
+
+class Exchange(Block):
+    """True from 0.4 s to 0.55 s: the drive has no power."""
+
+    y = Output("1", dtype=bool)
+
+    def step(self, t):
+        return 0.4 <= t < 0.55
+
+
+@pytest.mark.hazard("H1o")
+@pytest.mark.parametrize(
+    "expected, other, statuses",
+    [
+        ("A", "B", ["not finite", "two devices"]),
+        ("A", "A", ["not finite", "ok"]),
+        ("", "B", ["not finite", "ok"]),
+        ("B", "B", ["two devices"]),
+    ],
+    ids=["other unit", "same unit", "no record", "other unit from the start"],
+)
+def test_another_drive_is_not_armed_in_the_place_of_the_one_that_was_compared(expected, other, statuses):
+    """The drive is exchanged while the run waits after a fault. Without a record any drive may be armed."""
+    with Diagram("robot", rate=200) as robot:
+        drive = RobStride("RS02", name="drive")
+        drive(torque_command=TorqueLimiter(limit=0.1)(Broken(name="law")()))
+        Rearm(name="again")(Ask(name="ask")())
+    with Diagram("plant", rate=1000) as plant:
+        emulated, watcher = drive.emulator(unique="A" * 16, name="unit"), Watcher()
+        emulated(position=0.0, velocity=0.0, power_lost=Exchange()())
+        watcher(emulated.enabled)
+    if expected:
+        drive.unique = drive.unit_memory(expected * 16)["unique"]
+    rig = Rig(robot, plant)
+    first = compile(plant).items["unit"]["identity"][0]
+    seen = []
+
+    def exchange(what, outcome):
+        if what == "fault":
+            rig.plant.values[first : first + 8] = list(bytes.fromhex(other * 16))
+            seen.append(len(watcher.seen))
+
+    outcome = rig.run(400, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], notify=exchange)
+    assert [fault.status for fault in outcome.faults] + [outcome.status] == statuses
+    assert any(watcher.seen[: (seen or [None])[0]]) == (expected != "B")
+    assert any(watcher.seen[(seen or [0])[0] + 5 :]) == (outcome.status == "ok")
+    case: Any = SimpleNamespace(block=drive, program=rig.control, result=SimpleNamespace(schedule=rig.schedule))
+    assert ("another unit than the recorded one, or" in two_devices(case)) == bool(expected)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from blocks.wearer import Walker
+from blocks.wearer.recording import samples
 from graph import Diagram, DiagramError
 from tests.blocks.wearer.test_walker import walk
 from tests.shared import shared
@@ -180,3 +181,12 @@ def test_unusable_recording_is_rejected(tmp_path, text, message):
     file.write_text(text)
     with Diagram("walk", rate=200), pytest.raises(DiagramError, match=message):
         Walker(recording=str(file))
+
+
+def test_a_file_that_was_written_again_is_read_again(tmp_path):
+    written(tmp_path / "a.csv")
+    before = samples(str(tmp_path / "a.csv"), 70.0, 1.7)
+    before[:] = 0.0  # of the caller
+    assert samples(str(tmp_path / "a.csv"), 70.0, 1.7).any()
+    written(tmp_path / "a.csv", seconds=11.0)
+    assert len(samples(str(tmp_path / "a.csv"), 70.0, 1.7)) < len(before)

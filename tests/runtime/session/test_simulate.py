@@ -299,7 +299,7 @@ def test_repeated_runs_keep_no_memory():
 
     runtime.run(KNEE_EXO, 60)
     before = resident()
-    for _ in range(20):  # each Trial has 3.6 MB
+    for _ in range(8):  # each Trial has 3.6 MB
         runtime.run(KNEE_EXO, 60)
     assert resident() - before < 15e6
 

@@ -39,6 +39,12 @@ cdef enum:
     DIFFERENT = 128
     WORD = 256                  # in `fault`: start of the 32 bits of type 21
 
+cdef enum:                      # first item of `unique`: its two others are
+    UNREAD = 0
+    READ                        # the number that the drive has returned
+    EXPECTED                    # the number that it must return, before it is ready
+    RETURNED                    # and has returned
+
 cdef double PLACE_UNIT = 1099511627776.0        # in `fault`: start of the place, 2⁴⁰
 
 
@@ -58,7 +64,7 @@ cdef struct Feedback:
     int32_t settings, read_back # see cext/kernels/devices/robstride/settings.pxd
     int32_t arrival             # time of the newest frame, s
     int32_t gear_ratio
-    int32_t unique              # whether the unique number was read; its upper and its lower half
+    int32_t unique              # UNREAD to RETURNED; upper and lower half of the unique number
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[2] read_back[5] unique[3] " + settings_size())
 
@@ -79,12 +85,13 @@ cdef inline uint32_t bits_of(double fault) noexcept nogil:
 
 cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
     """Forget the fault report and the number of a drive that may have restarted, or was replaced, while the run waits
-    to be armed again.
+    to be armed again. It must return an expected number once more.
     """
     cdef double came = frame.time * 1e-9
     cdef double *state = arena + at.state
     if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > 1e-9 * POWER_LOSS:
-        state[1] = arena[at.unique] = 0.0
+        state[1] = 0.0
+        arena[at.unique] = EXPECTED if arena[at.unique] >= EXPECTED else UNREAD
         tell_fault(arena, at, bits_of(arena[at.fault]))
     arena[at.arrival] = came
 
@@ -122,6 +129,8 @@ cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept 
 cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
     """Decode type 17: a parameter that was read during arming."""
     cdef double *read = arena + at.read_back
+    if arena[at.unique] == EXPECTED:        # of which unit it is a parameter is not known
+        return NOTED
     if read[READY] == 0.0 and (frame.id >> 16 & 255) == 0 and compare_motion(
             read, &frame.data[0], arena[at.invert], arena[at.gear_ratio], arena[at.position] + arena[at.offset],
             arena[at.velocity], (arena + at.wire)[0]):
@@ -136,12 +145,15 @@ cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexce
 
 
 cdef int identity(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
-    """Decode type 0: two unique numbers behind one id are two drives."""
+    """Decode type 0: another number than the one before, or than the expected one, is another drive."""
     cdef double *unique = arena + at.unique
     cdef uint32_t high = little_endian(&frame.data[4]), low = little_endian(&frame.data[0])
-    if unique[0] != 0.0:
-        return NOTED if unique[1] == high and unique[2] == low else TWIN
-    unique[0], unique[1], unique[2] = 1.0, high, low
+    if unique[0] == UNREAD:
+        unique[0], unique[1], unique[2] = READ, high, low
+    if unique[1] != high or unique[2] != low:
+        return TWIN
+    if unique[0] == EXPECTED:
+        unique[0] = RETURNED
     return NOTED
 
 

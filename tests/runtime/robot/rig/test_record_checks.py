@@ -9,6 +9,8 @@ import pytest
 import runtime
 from runtime.host.errors import BadInput
 from runtime.robot.rig.records import AGREES, BEFORE_TORQUE, OF_SENSORS, Record, StepRecord, write
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
 from tests.runtime.runs import finished, started
 from tests.runtime.runs import write as write_file
 from tests.runtime.setup.commissioning.nodes import Nodes, Private, channel
@@ -144,7 +146,7 @@ def test_python_asks_for_records_as_the_command_does(legs, call):
             pass
 
 
-def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
+def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs, monkeypatch):
     signed = {"name": "E. Person", "date": "2099-01-01"}  # the newest of this joint, but its unit is not mounted
     ended = run(legs, spare=UNITS["left"] | {"serial": "0" * 16, "device": "left", "signed": signed})
     assert ended.returncode == 0, ended.stderr
@@ -160,3 +162,9 @@ def test_recorded_units_arm_and_the_table_states_what_was_not_compared(legs):
     assert about["metadata"]["rig"]["records"]["serials"]["left"] == "A" * 16
     ended = run(legs, "--accept", "left.record", left={"firmware": ""})
     assert ended.returncode == 0 and "accepted although it is of firmware unknown" in ended.stderr, ended.stderr
+    words = {"rig": legs / "lab.toml", "subject": legs / "subject.toml", "accept": ("left.record",)}
+    monkeypatch.setenv("TICKWORK_PORTS", str(legs / "ports" / "tty*"))
+    schedule = prepare(Request(legs / "robot.py", yes=True, **words)).schedule  # arming again accepts these units alone
+    for path, half in (("left", 0xAAAAAAAA), ("cyber", 0xCCCCCCCC)):
+        first, length = schedule.items[path]["unique"]
+        assert list(schedule.arena[first : first + length]) == [2.0, half, half]
