@@ -116,6 +116,7 @@ def test_the_build_tools_are_those_of_pyproject(clone):
     assert [word.strip(' "\n') for word in process.stdout.split(",")] == PYPROJECT["build-system"]["requires"]
 
 
+@pytest.mark.soak
 def test_the_bytecode_of_all_libraries_that_a_run_imports_is_made(tmp_path):
     """A second run of the same Python writes no bytecode of a library."""
     imports = re.search(r"^RUN_IMPORTS := (.*)", (ROOT / "Makefile").read_text(), re.M)[1]

@@ -95,7 +95,7 @@ def test_damage_in_a_compressed_chunk_is_a_gap(recording, command_line):
     rows = dict(zip(whole.tick.tolist(), whole.rows))
     begin, end = compressed_chunks(recording)[2]
     reported = 0
-    for at in [*range(begin + 1, begin + 60), *(dice.randrange(begin + 60, end) for _ in range(60))]:
+    for at in [*range(begin + 1, begin + 60), *(dice.randrange(begin + 60, end) for _ in range(30))]:
         recording.write_bytes(data[:at] + bytes([data[at] ^ 1 << dice.randrange(8)]) + data[at + 1 :])
         trial = runtime.load(recording)
         assert all(
@@ -106,7 +106,7 @@ def test_damage_in_a_compressed_chunk_is_a_gap(recording, command_line):
         if at >= begin + 60 and not trial.complete:  # some bits may differ, and the same comes out of it
             assert f"{recording} is damaged: of its {len(data)} bytes, {begin} to " in trial.trouble
             reported += 1
-    assert reported > 50
+    assert reported > 25
     recording.write_bytes(data[:begin] + b"\x46" + data[begin + 1 :])  # a record of another kind
     trial = runtime.load(recording)
     assert not trial.complete and 0 < len(trial) < len(whole) and set(trial.tick.tolist()) < set(rows)

@@ -165,7 +165,7 @@ def unfinished_of(data):
     return unfinished(data) if data.endswith(b"\x89MCAP0\r\n") else data
 
 
-@pytest.mark.parametrize("step", [211, pytest.param(1, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("step", [401, pytest.param(1, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("heads", ["room", "chunks"])
 def test_a_file_truncated_at_any_byte_is_completed_with_every_whole_message(tmp_path, short, heads, step):
     data = short if heads == "chunks" else unfinished(short)
