@@ -4,7 +4,9 @@ The drive is commanded with torque alone, which it bounds whatever its encoded g
 joint is slower than wanted, and is reduced while it is faster:
 
     away from the stop, a little      shows that the joint moves, and in the direction of the torque
-    to the stop                       until the speed collapses although the torque is at its limit
+    to the stop                       until the speed collapses although the torque is at its limit. A stop holds the
+                                      joint at half of it too, and less torque moved the joint there; otherwise its
+                                      weight or friction may hold it
     away from it, and to it again     the stop is at the same place, unless a coupling slips
     away from it
 """
@@ -30,7 +32,7 @@ from runtime.setup.commissioning.guided.driven import (
     rated_of,
     run_on_rig,
 )
-from runtime.setup.commissioning.guided.scripted import REST_TIME, Found, ScriptedProbe
+from runtime.setup.commissioning.guided.scripted import REST_TIME, Found, Open, ScriptedProbe
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
@@ -44,6 +46,8 @@ MOVED, AGAINST = 0.02, 0.02  # rad in the direction of the torque, and against i
 SPEED_SHARE = 0.35  # of the speed limit, at which the joint is moved
 REPEATED = 0.03  # rad between two contacts with a stop
 BY_HAND = 0.08  # rad between a stop and the end of the motion by hand
+NEAR, HEAVY = 0.06, 0.9  # rad before a contact, and share of the torque that moves a joint there: no stop is needed
+LESS, LESS_TIME, SPRINGS_BACK = 0.5, 0.5, 0.006  # of the torque, s, and rad of a joint that its weight turns back
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Home:
 class HomingProbe(ScriptedProbe):
     """Sequence of motions against a stop. `stops` : joint angles in rad of the contacts
 
-    `running` : N·m, largest torque while the joint moved
+    `running` : N·m, largest torque while the joint moved; `needed` : N·m, mean torque that moved it to the last contact
     """
 
     direction = Param(1.0, "1", "direction of the stop")
@@ -78,7 +82,7 @@ class HomingProbe(ScriptedProbe):
 
     def reset(self):
         super().reset()
-        self.stops, self.running, self.moved = [], 0.0, False
+        self.stops, self.running, self.moved, self.needed = [], 0.0, False, 0.0
 
     def sequence(self) -> Iterator[float]:
         """Yield the torque of each tick."""
@@ -95,9 +99,19 @@ class HomingProbe(ScriptedProbe):
                 raise Found(
                     "stuck",
                     f"the reading stays at {self.at:.3f} rad with {self.largest:.3g} N·m in both "
-                    "directions: the encoder or the joint is stuck, or its friction is larger",
+                    "directions: the encoder or the joint is stuck, or its friction or weight is larger",
                 )
-            self.stops.append(self.at)
+            reached = self.at
+            for tick in range(round(LESS_TIME / self.dt)):
+                yield self.direction * self.largest * max(LESS, 1.0 - 2.0 * tick * self.dt / LESS_TIME)
+            back = self.direction * (reached - self.at)
+            if back > SPRINGS_BACK or self.needed > HEAVY * self.largest:
+                raise Open(
+                    f"the joint stands at {reached:.3f} rad with {self.largest:.3g} N·m and turns back by "
+                    f"{back * 1e3:.0f} mrad with half of it; {self.needed:.3g} N·m moved it there. The weight of "
+                    "its link or its friction may hold it, not a stop: remove or balance the link, or use the step pose"
+                )
+            self.stops.append(reached)
             if (yield from self.move(away, AWAY)):
                 raise Found(
                     "stuck",
@@ -107,7 +121,7 @@ class HomingProbe(ScriptedProbe):
 
     def move(self, sign: float, distance: float) -> Generator[float, None, bool]:
         """Yield the torque of a motion. Returns whether the speed collapsed before the distance in rad was covered."""
-        begin, command, held = self.at, 0.0, 0
+        begin, command, held, moving = self.at, 0.0, 0, []
         growth = self.largest * self.dt / RISE_TIME
         while (way := sign * (self.at - begin)) < distance:
             share = sign * self.rate / (SPEED_SHARE * self.speed)
@@ -122,8 +136,11 @@ class HomingProbe(ScriptedProbe):
                     "sign of torque",
                     f"a torque of {sign * command:.3g} N·m turned the joint by {self.at - begin:.3f} rad",
                 )
+            moving += [(way, command)] * (share > SLOW)
             held = held + 1 if share < SLOW and command >= AT_LIMIT * self.largest else 0
             if held * self.dt >= HELD_TIME:
+                near = [torque for at, torque in moving if at > moving[-1][0] - NEAR]
+                self.needed = sum(near) / len(near) if near else 0.0
                 return True
             brake = BRAKE * self.largest * (max(0.0, share - 1.0) + min(0.0, share))
             yield sign * max(-self.largest, min(self.largest, command - brake))

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from runtime.robot.rig.records import OPEN
 from runtime.setup.commissioning.guided import home
 from runtime.setup.commissioning.guided.driven import rated_of
 from tests.runtime.setup.commissioning.moved import block_of, moved
@@ -46,6 +47,16 @@ def test_a_stop_is_found_where_it_is_at_the_torque_and_speed_allowed(joint):
     assert not result.findings and result.done, result
     assert result.measured["stop"] == pytest.approx(-1.2, abs=0.01) and result.measured["spread"] < 0.01
     assert arm.most <= wanted.torque
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("weight, friction", [(0.6, 0.06), (1.0, 0.15), (3.5, 0.06), (6.0, 0.1), (20.0, 0.06)])
+def test_a_link_that_is_too_heavy_is_no_stop(weight, friction):
+    """Its weight holds the joint at the same angle each time, at the largest torque."""
+    block = block_of(*AK80, range=(-1.2, 0.5))
+    result, arm = homed(block, {"inertia": 0.06, "friction": friction, "weight": weight})
+    assert result.verdict == OPEN and not result.cures, result
+    assert "its link" in result.says[0] and "not a stop" in result.says[0] and arm.most <= WANTED.torque
 
 
 FAULTS = {  # parameters of the joint, faults of the emulator, the finding
