@@ -161,7 +161,7 @@ def commission_device(
             print_lines([f"{number}/{len(steps)} {step.name}: recorded {record.steps[step.name].when}"])
             continue
         print_lines([f"{number}/{len(steps)} {step.name}: {step.does}; {step.moves}"])
-        record.steps.pop(step.name, None)
+        given.before = record.steps.pop(step.name, None)
         if step.driven and (why := off_because(record)):
             print_lines([f"  not carried out: the motor stays off, because {why}"])
             continue

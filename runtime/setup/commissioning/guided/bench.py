@@ -68,6 +68,7 @@ class Given:
 
     angle : rad, between the two marks; pose : rad, of the joint in the pose in which it is held
     home : runtime.setup.commissioning.guided.home.Home, or None; steps : {name: StepRecord} of the device so far
+    before : StepRecord of the present step, which it replaces, or None
     travel : rad, largest motion; picture : its file, beside the record
     lever : runtime.setup.commissioning.guided.driven.Lever, False for none, None before it was asked
     """
@@ -78,6 +79,7 @@ class Given:
     home: Any = None
     picture: Path | None = None
     steps: dict[str, Any] = field(default_factory=dict)
+    before: Any = None
     lever: Any = None
 
 

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any
 from graph import Param
 from runtime.host.console.terminal import print_lines
 from runtime.host.errors import BadInput
+from runtime.robot.rig.records import AGREES
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, confirmed
-from runtime.setup.commissioning.guided.by_hand import compare_zero
+from runtime.setup.commissioning.guided.by_hand import RANGE_MARGIN, compare_zero
 from runtime.setup.commissioning.guided.driven import (
     LIMIT_SHARE,
     RATE,
@@ -45,6 +46,7 @@ SLOW, AT_LIMIT, HELD_TIME = 0.15, 0.98, 0.3  # of the speed, of the torque, and 
 MOVED, AGAINST = 0.02, 0.02  # rad in the direction of the torque, and against it
 SPEED_SHARE = 0.35  # of the speed limit, at which the joint is moved
 REPEATED = 0.03  # rad between two contacts with a stop
+ENDS = ("lower", "upper")  # of the range, in the record
 BY_HAND = 0.08  # rad between a stop and the end of the motion by hand
 NEAR, HEAVY = 0.06, 0.9  # rad before a contact, and share of the torque that moves a joint there: no stop is needed
 LESS, LESS_TIME, SPRINGS_BACK = 0.5, 0.5, 0.006  # of the torque, s, and rad of a joint that its weight turns back
@@ -155,7 +157,8 @@ def home(bench: Bench, block: Any, given: Given) -> Result:
         return Result(["the joint was not moved"], done=False)
     diagram, probe = homing_diagram(block, wanted)
     run = run_on_rig(bench, diagram, math.ceil(wanted.duration * RATE))
-    return home_of(block, wanted, probe, given.steps) if probe.ended else failed(Result(), block, run)
+    steps = given.steps | ({} if given.before is None else {"home": given.before})
+    return home_of(block, wanted, probe, steps) if probe.ended else failed(Result(), block, run)
 
 
 def announced(block: Any, wanted: Home) -> list[str]:
@@ -192,14 +195,15 @@ def homing_diagram(block: Any, wanted: Home) -> tuple[Any, HomingProbe]:
 def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any]) -> Result:
     """Compare what a HomingProbe has found with the diagram, and with the ends of the motion by hand.
 
-    steps : {name: StepRecord} of the steps before
+    steps : {name: StepRecord} of the steps before, among them the homing before, perhaps against the other end
     """
     if (ended := probe.without_measurement()) is not None:
         return ended
     result = Result()
     first, again = probe.stops
     stop, spread = 0.5 * (first + again), abs(first - again)
-    result.measured = {"stop": stop, "spread": spread, "torque": wanted.torque, "running": probe.running}
+    end = ENDS[wanted.direction > 0.0]
+    result.measured = {"stop": stop, end: stop, "spread": spread, "torque": wanted.torque, "running": probe.running}
     result.says.append(
         f"the stop is at {stop:.3f} rad, again within {spread * 1e3:.1f} mrad, at {wanted.torque:.3g} N·m; up to "
         f"{probe.running:.3g} N·m moved the joint"
@@ -220,6 +224,10 @@ def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any])
                 "is too low",
             )
             return result
+    if "home" in steps and steps["home"].verdict == AGREES and not block.zero_at_arming:
+        result.measured = steps["home"].measured | result.measured
+    if set(ENDS) <= set(result.measured) and differs_between_stops(result, block):
+        return result
     angle = wanted.angle
     if angle is None and block.range:
         angle = block.range[1 if wanted.direction > 0.0 else 0]
@@ -230,3 +238,17 @@ def home_of(block: Any, wanted: Home, probe: HomingProbe, steps: dict[str, Any])
     else:
         compare_zero(result, block, stop - angle, f"{stop:.3f} rad at its stop, which is at {angle:.3f} rad")
     return result
+
+
+def differs_between_stops(result: Result, block: Any) -> bool:
+    """Compare the range between both stops with that of the diagram. Returns whether the stops are nearer."""
+    low, high = (result.measured[end] for end in ENDS)
+    result.says.append(f"both stops: from {low:.3f} to {high:.3f} rad, {high - low:.3f} rad apart")
+    if not block.range or high - low > block.range[1] - block.range[0] - 2.0 * RANGE_MARGIN:
+        return False
+    result.find(
+        "range",
+        f"both stops are {high - low:.3f} rad apart, and the range of the joint has "
+        f"{block.range[1] - block.range[0]:.3f} rad: one is no stop, the joint binds, or its range is wrong",
+    )
+    return True

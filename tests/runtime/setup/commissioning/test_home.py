@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from runtime.robot.rig.records import OPEN
+from runtime.robot.rig.records import AGREES, OPEN, StepRecord
 from runtime.setup.commissioning.guided import home
 from runtime.setup.commissioning.guided.driven import rated_of
 from tests.runtime.setup.commissioning.moved import block_of, moved
@@ -83,3 +83,13 @@ def test_a_fault_of_homing_is_named(fault):
     if finding == "zero":
         assert result.cures["offset"] == pytest.approx(0.2, abs=0.01)
     assert fault == "strong" or arm.most <= 0.05 * rated_of(block)
+
+
+@pytest.mark.parametrize("lower, found", [(-1.2, []), (-0.9, ["range"])])
+def test_both_stops_are_one_record_and_their_range_is_compared(lower, found):
+    block = block_of(*AK80, range=(-1.2, 0.5))
+    before = StepRecord("", AGREES, {"stop": 0.5, "upper": 0.5, "spread": 0.0})
+    result, _ = homed(block, {"lower": lower}, steps={"home": before})
+    assert [name for name, _ in result.findings] == found and not result.cures, result
+    assert (result.measured["lower"], result.measured["upper"]) == pytest.approx((lower, 0.5), abs=0.01)
+    assert result.measured["stop"] == result.measured["lower"] and "both stops" in result.says[1]
