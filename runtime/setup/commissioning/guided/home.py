@@ -249,6 +249,6 @@ def differs_between_stops(result: Result, block: Any) -> bool:
     result.find(
         "range",
         f"both stops are {high - low:.3f} rad apart, and the range of the joint has "
-        f"{block.range[1] - block.range[0]:.3f} rad: one is no stop, the joint binds, or its range is wrong",
+        f"{block.range[1] - block.range[0]:.3f} rad: one is not a stop, the joint binds, or its range is wrong",
     )
     return True

@@ -51,7 +51,7 @@ def test_a_stop_is_found_where_it_is_at_the_torque_and_speed_allowed(joint):
 
 @pytest.mark.hazard("H4i")
 @pytest.mark.parametrize("weight, friction", [(0.6, 0.06), (1.0, 0.15), (3.5, 0.06), (6.0, 0.1), (20.0, 0.06)])
-def test_a_link_that_is_too_heavy_is_no_stop(weight, friction):
+def test_the_weight_of_a_link_is_not_taken_for_a_stop(weight, friction):
     """Its weight holds the joint at the same angle each time, at the largest torque."""
     block = block_of(*AK80, range=(-1.2, 0.5))
     result, arm = homed(block, {"inertia": 0.06, "friction": friction, "weight": weight})
