@@ -5,6 +5,7 @@ import pytest
 from graph.drawing import draw, page
 from tests.graph.drawing.browser import browse, needs_browser
 from tests.graph.drawing.diagrams import by_chance, leg, nested, walk
+from tests.soaking import soaked
 
 pytestmark = needs_browser
 
@@ -164,7 +165,7 @@ def test_a_second_leg_is_folded_until_it_is_opened_and_names_its_signals(ask):
     assert (told["open"], told["first"], told["second"]) == ([], ["knee.velocity"], ["both.y"])
 
 
-@pytest.mark.parametrize("seed", [3, 7, 11])
+@pytest.mark.parametrize("seed", soaked([3, 7, 11], but=[0]))
 def test_folding_never_makes_boxes_overlap_or_detaches_lines(seed, ask):
     told = ask(
         by_chance(seed, size=50),

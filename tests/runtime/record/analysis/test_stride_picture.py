@@ -12,6 +12,7 @@ from runtime.record.analysis.average_stride import contact_of
 from runtime.record.analysis.legs import legs
 from tests.runtime.record.analysis.test_plots import drawn
 from tests.runtime.record.recorder.running import CSV, columns, plan, record, row, sink
+from tests.soaking import soaked
 
 SIDES = ("left", "right")
 SIGNALS = (
@@ -51,7 +52,9 @@ def millimetres(path):
 
 @pytest.mark.parametrize(
     ("options", "width"),
-    [((), 85.0), (("--width", "85mm"), 85.0), (("--width", "12 cm"), 120.0), (("--width", "3.5in"), 88.9)],
+    soaked(
+        [((), 85.0), (("--width", "85mm"), 85.0), (("--width", "12 cm"), 120.0), (("--width", "3.5in"), 88.9)], [0, 3]
+    ),
 )
 def test_a_picture_has_the_width_of_a_column_and_the_names_of_the_field(command_line, recorded, options, width):
     assert command_line("plot", recorded["wide"], "--strides", *options, "-o", "a.svg") == (OK, "a.svg\n", "")
