@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from runtime.record.analysis.trials import Trials
     from runtime.session.check.text import Report
     from runtime.session.connected import ConnectedRobot
+    from runtime.session.linearise import Trim
     from runtime.session.simulate import SimulatedLoop, SimulatedRun
 else:
 
@@ -44,7 +45,7 @@ class _CheckedImports:
 with _CheckedImports():
     from runtime.host.interrupts import interruptible
 
-__all__ = ["check", "connect", "linearise", "load", "optimise", "run", "simulate", "study"]
+__all__ = ["check", "connect", "linearise", "load", "optimise", "run", "simulate", "study", "trim"]
 
 
 def __dir__() -> list[str]:
@@ -299,7 +300,7 @@ def linearise(
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
-    at: float = 0.0,
+    at: float | Trim = 0.0,
     settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
 ) -> Any:
     """Linearise a diagram about a point of its run, and return a control.StateSpace of python-control.
@@ -314,7 +315,8 @@ def linearise(
         instead of the drive and its bus
     inputs : inputs of blocks, "pendulum.torque"; the signal that is connected there is cut off
     outputs : signals, "pendulum.position"
-    at : time in s of the closed run about which it is linearised, the start by default
+    at : time in s of the closed run about which it is linearised, the start by default; or a steady state of `trim`,
+        whose inputs stay cut off at their values
     settings : as in `run`
 
     The system's names have `:` in place of each `.`, and `system.units` has the units by the diagram's names. Raises
@@ -325,6 +327,42 @@ def linearise(
         from runtime.session.linearise import linearise
 
     return linearise(diagram, inputs, outputs, at, pairs_of(settings))
+
+
+@interruptible
+def trim(
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    inputs: Mapping[str, float | None] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    *,
+    at: float = 0.0,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+) -> Trim:
+    """Find a steady state of a diagram, in which no state, input or output changes from tick to tick.
+
+    The states are those of the blocks with these inputs and outputs, and of all before them; without either, of all.
+
+        point = runtime.trim("swing.py", {"shank.torque": None}, {"shank.position": 0.5})
+        point.inputs["shank.torque"], point.units["shank.torque"]
+        runtime.linearise("swing.py", ["shank.torque"], ["shank.position"], at=point)
+
+    The method is that of Levenberg and Marquardt (MINPACK), from the states of the closed run. It finds one steady
+    state, stable or not. Sources keep their values.
+
+    diagram : as of `linearise`
+    inputs : {input of a block: its value, or None to find it}; the signal that is connected there is cut off
+    outputs : {signal: its value, or None to return it}, with at least as many values as there are inputs to find
+    at : time in s of the closed run at which the search begins, by default after the first tick
+    settings : as in `run`
+
+    Returns a runtime.session.linearise.Trim. Raises BadInput if no steady state is found, with the state that changes
+    most, and MissingExtra without python-control.
+    """
+    with _CheckedImports():
+        from runtime.host.options import pairs_of
+        from runtime.session.linearise import trim
+
+    return trim(diagram, inputs or {}, outputs or {}, at, pairs_of(settings))
 
 
 @interruptible

@@ -1,9 +1,10 @@
-"""Linearisation of a diagram about a point of its run, as a system of python-control."""
+"""Steady states of a diagram, and its linearisation about a point as a system of python-control."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Device, Diagram, Signal
 from graph.diagram import Wire
-from graph.upstream import computes
+from graph.upstream import computes, upstream
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
 from runtime.host.suggestions import suggestion
@@ -30,28 +31,177 @@ STEP = 1e-5  # of the central differences, relative to values above 1
 SHIFT = 1e-7  # by which a memory is found that a tick writes
 PRECISE = 1e-12  # tolerances of a solver, whose error must be smaller than the differences
 TOLERANCE = 1e-4  # of the prediction of two ticks, relative to the response
+STEADY = 1e-8  # largest change of a steady state per second, relative to values above 1
+
+
+@dataclass(frozen=True)
+class Trim:
+    """A steady state of a diagram, by the diagram's names. print() shows it as a table.
+
+    inputs, outputs : values in units[name]; the outputs are arrays where a signal is a vector
+    states : values of the memory that a tick writes, {"shank.state[0]": 0.5}
+    units : of inputs and outputs
+    residual : largest change of a state or error of a given output, per second and relative to values above 1
+    """
+
+    inputs: dict[str, float]
+    outputs: dict[str, Any]
+    states: dict[str, float]
+    units: dict[str, str]
+    residual: float
+    schedule: Schedule = field(repr=False)  # of the diagram that is opened at the inputs
+    arena: np.ndarray = field(repr=False)  # at the start of a tick
+    after: np.ndarray = field(repr=False)  # a tick later
+
+    def __str__(self) -> str:
+        values = self.inputs | self.outputs | self.states
+        width = max(map(len, values), default=0)
+        lines = [
+            f"{name:<{width}}  {value:.6g} {self.units.get(name, '')}"
+            if np.ndim(value) == 0
+            else f"{name:<{width}}  {value} {self.units[name]}"
+            for name, value in values.items()
+        ]
+        return "\n".join([*(line.rstrip() for line in lines), f"largest change per second: {self.residual:.1e}"])
+
+
+def trim(
+    given: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    inputs: Mapping[str, float | None],
+    outputs: Mapping[str, Any],
+    at: float = 0.0,
+    settings: Settings = (),
+) -> Trim:
+    """Find a steady state. Arguments, result and errors: see runtime.trim."""
+    need("control", "a steady state")  # which brings SciPy
+    from scipy import optimize
+
+    _, diagram = load(given, settings)
+    check(diagram)
+    ticks = max(1, round(at * diagram.rate))  # the first tick sets memories that are NaN
+    closed = compile_diagram(diagram.name, diagram)
+    memory, now = run(closed, closed.arena, ticks), run(closed, closed.arena, ticks + 1)
+    with opened(diagram, closed, now, inputs):
+        schedule = compile_diagram(diagram.name, diagram)
+        wires: dict[Any, Any] = {(wire.block, wire.port): wire.source for wire in diagram.wires}
+    known(diagram, schedule, outputs)
+    named = {name.rpartition(".")[0] for name in (*inputs, *outputs)} or set(diagram.blocks)
+    before = upstream([diagram[path] for path in named], wires)
+    resting = {block.path for block in before if block.inputs or block.continuous}
+    model = Model(diagram, schedule, moved(closed, schedule, memory), list(inputs), list(outputs), resting)
+    places = {name: schedule.signals[name] for name in outputs}
+    wanted = np.concatenate([[], *(_wanted(name, outputs[name], place.size) for name, place in places.items())])
+    u = np.concatenate([[], *(_wanted(name, value, 1) for name, value in inputs.items())])
+    free, fixed = np.isnan(u), np.isfinite(wanted)
+    if free.sum() > fixed.sum():
+        raise BadInput(
+            f"{diagram.name} has more inputs to find ({free.sum()}) than values of outputs ({fixed.sum()}): give a "
+            "value for another output, or for an input"
+        )
+    u[free] = model.arena[model.inputs][free]
+    n = len(model.slots)
+
+    def point(unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        here = u.copy()
+        here[free] = unknown[n:]
+        return unknown[:n], here
+
+    def change(unknown: np.ndarray) -> np.ndarray:
+        states, here = point(unknown)
+        after, seen = model.tick(states, here)
+        return np.concatenate([(after - states) * diagram.rate, (seen - wanted)[fixed]])
+
+    def slope(unknown: np.ndarray) -> np.ndarray:
+        model.arena[model.slots], model.arena[model.inputs] = point(unknown)
+        A, B, C, D = model.jacobian()
+        changing = np.hstack([A - np.eye(n), B[:, free]]) * diagram.rate
+        return np.vstack([changing, np.hstack([C, D[:, free]])[fixed]])
+
+    unknown = np.concatenate([model.arena[model.slots], u[free]])
+    if unknown.size:
+        options = {"xtol": 1e-15, "ftol": 1e-15}
+        unknown = optimize.root(change, unknown, jac=slope, method="lm", options=options).x
+    left = change(unknown)
+    states, here = point(unknown)
+    values = [model.tick(states, here, count)[1] for count in (1, 2)]
+    left = np.concatenate([left, (values[1] - values[0]) * diagram.rate])
+    labels = [name for name, place in places.items() for _ in range(place.size)]
+    about = [*model.states, *(name for name, one in zip(labels, fixed) if one), *labels]
+    scale = np.maximum(1.0, np.abs(np.concatenate([states, wanted[fixed], values[0]])))
+    share = np.abs(left) / scale
+    if not (share <= STEADY).all():
+        worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf)))
+        what = (
+            f"is {left[worst]:+.3g} from its value"
+            if n <= worst < n + fixed.sum()
+            else f"changes by {left[worst]:.3g} /s"
+        )
+        raise BadInput(
+            f"{diagram.name} has no steady state near {at:g} s: {about[worst]} {what} at the nearest point found; "
+            "free an input, give other values, or start the search at another time with `at`"
+        )
+    arena = model.arena.copy()
+    arena[model.slots], arena[model.inputs] = states, here
+    after = run(schedule, arena, 1)
+    units = {name: schedule.signals[name].unit for name in outputs}
+    units |= {name: unit_of(diagram, closed, name) for name in inputs}
+    seen = {name: after[place.slot : place.slot + place.size].reshape(place.shape) for name, place in places.items()}
+    return Trim(
+        dict(zip(inputs, here.tolist())),
+        {name: float(value) if value.ndim == 0 else value for name, value in seen.items()},
+        dict(zip(model.states, states.tolist())),
+        units,
+        float(share.max(initial=0.0)),
+        schedule,
+        arena,
+        after,
+    )
+
+
+def _wanted(name: str, value: Any, size: int) -> np.ndarray:
+    """Return the values of an input or output, NaN where they are to be found."""
+    if value is None:
+        return np.full(size, np.nan)
+    try:
+        values = np.broadcast_to(np.ravel(np.asarray(value, float)), (size,))
+    except (TypeError, ValueError):
+        values = np.full(size, np.nan)
+    if not np.isfinite(values).all():
+        raise BadInput(f"{name} cannot be {value!r}: give {size} finite number{'s' * (size > 1)}, or None to find it")
+    return values
 
 
 def linearise(
     given: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    at: float = 0.0,
+    at: float | Trim = 0.0,
     settings: Settings = (),
 ) -> Any:
     """Linearise a diagram. Arguments, result and errors: see runtime.linearise."""
     control = need("control", "linearisation")
     _, diagram = load(given, settings)
     check(diagram)
-    ticks = round(at * diagram.rate)
     closed = compile_diagram(diagram.name, diagram)
-    memory, now = run(closed, closed.arena, ticks), run(closed, closed.arena, ticks + 1)
-    with opened(diagram, closed, now, inputs):
+    held = at.inputs if isinstance(at, Trim) else {}
+    if isinstance(at, Trim):
+        if closed.items.keys() != at.schedule.items.keys():
+            raise BadInput(f"the steady state is of other blocks than {diagram.name}: trim the same diagram")
+        memory, now = moved(at.schedule, closed, at.arena), moved(at.schedule, closed, at.after)
+        for name, place in closed.signals.items():
+            start = at.schedule.signals[name].slot
+            now[place.slot : place.slot + place.size] = at.after[start : start + place.size]
+    else:
+        ticks = round(at * diagram.rate)
+        memory, now = run(closed, closed.arena, ticks), run(closed, closed.arena, ticks + 1)
+    with opened(diagram, closed, now, [*inputs, *held]):
         schedule = compile_diagram(diagram.name, diagram)
-    unknown = next((name for name in outputs if name not in schedule.signals), None)
-    if unknown is not None:
-        raise BadInput(f"{diagram.name} has no signal {unknown!r}: {suggestion(unknown, schedule.signals)}")
-    model = Model(diagram, schedule, moved(closed, schedule, memory), inputs, outputs)
+    known(diagram, schedule, outputs)
+    arena = moved(closed, schedule, memory)
+    for name, value in held.items():
+        path, _, port = name.rpartition(".")
+        arena[schedule.inputs[path][port]] = value
+    model = Model(diagram, schedule, arena, inputs, outputs)
     A, B, C, D = model.jacobian()
     model.check(A, B, C, D)
     A, B, C, states = observed(A, B, C, model.states)
@@ -61,6 +211,13 @@ def linearise(
     made.units = {name: schedule.signals[name].unit for name in outputs}
     made.units |= {name: unit_of(diagram, closed, name) for name in inputs}
     return made
+
+
+def known(diagram: Diagram, schedule: Schedule, outputs: Iterable[str]) -> None:
+    """Raise BadInput for an output that is not a signal of the diagram."""
+    unknown = next((name for name in outputs if name not in schedule.signals), None)
+    if unknown is not None:
+        raise BadInput(f"{diagram.name} has no signal {unknown!r}: {suggestion(unknown, schedule.signals)}")
 
 
 def check(diagram: Diagram) -> None:
@@ -87,7 +244,7 @@ def run(schedule: Schedule, arena: np.ndarray, ticks: int) -> np.ndarray:
 
 
 @contextmanager
-def opened(diagram: Diagram, schedule: Schedule, now: np.ndarray, inputs: Sequence[str]) -> Iterator[None]:
+def opened(diagram: Diagram, schedule: Schedule, now: np.ndarray, inputs: Iterable[str]) -> Iterator[None]:
     """Replace the signals at some inputs, and those of sources, by their present values.
 
     schedule : of the closed diagram
@@ -104,7 +261,7 @@ def opened(diagram: Diagram, schedule: Schedule, now: np.ndarray, inputs: Sequen
             source = now[place.slot : place.slot + place.size].reshape(place.shape)
         diagram.wires.append(Wire(source, wire.block, wire.port, wire.where))
     try:
-        for name in inputs:
+        for name in wanted:
             path, _, port = name.rpartition(".")
             block = diagram.blocks.get(path)
             if block is None or port not in block.inputs:
@@ -117,10 +274,10 @@ def opened(diagram: Diagram, schedule: Schedule, now: np.ndarray, inputs: Sequen
         diagram.wires = wires
 
 
-def moved(closed: Schedule, schedule: Schedule, arena: np.ndarray) -> np.ndarray:
-    """Return the arena of the opened diagram with the memory of the closed one. arena : of the closed one"""
+def moved(source: Schedule, schedule: Schedule, arena: np.ndarray) -> np.ndarray:
+    """Return the arena of a schedule with the memory of another, of the same blocks. arena : of the other, `source`"""
     found = schedule.arena.copy()
-    for path, items in closed.items.items():
+    for path, items in source.items.items():
         for name, (slot, size) in items.items():
             start = schedule.items[path][name][0]
             if start >= schedule.memory_start:
@@ -140,10 +297,17 @@ class Model:
 
     arena : about which it is linearised
     states : name of each state
+    resting : paths of the blocks whose memory is a state; None: of all
     """
 
     def __init__(
-        self, diagram: Diagram, schedule: Schedule, arena: np.ndarray, inputs: Sequence[str], outputs: Sequence[str]
+        self,
+        diagram: Diagram,
+        schedule: Schedule,
+        arena: np.ndarray,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        resting: set[str] | None = None,
     ) -> None:
         self.schedule, self.arena = schedule, arena
         self.rings = [
@@ -160,13 +324,16 @@ class Model:
                 arena[sum(items["control"]) - 2 : sum(items["control"])] = PRECISE
         self.inputs = [self._slot(name) for name in inputs]
         self.outputs = np.concatenate(
-            [np.arange(place.slot, place.slot + place.size) for place in map(schedule.signals.__getitem__, outputs)]
+            [
+                np.zeros(0, int),
+                *(np.arange(at.slot, at.slot + at.size) for at in map(schedule.signals.__getitem__, outputs)),
+            ]
         )
         names = {
             slot + index: f"{path}.{name}" + f"[{index}]" * (size > 1)
             for path, items in schedule.items.items()
             for name, (slot, size) in items.items()
-            if slot >= schedule.memory_start
+            if slot >= schedule.memory_start and (resting is None or path in resting)
             for index in range(size)
         }
         self.slots = np.array([slot for slot in np.flatnonzero(self._written()) if slot in names], int)
@@ -178,7 +345,7 @@ class Model:
     def _slot(self, name: str) -> int:
         path, _, port = name.rpartition(".")
         if port not in self.schedule.inputs.get(path, {}):
-            raise BadInput(f"{name} is a vector: linearise at a scalar input")
+            raise BadInput(f"{name} is a vector: name a scalar input")
         return self.schedule.inputs[path][port]
 
     def _written(self) -> np.ndarray:

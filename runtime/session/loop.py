@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FREQUENCIES = 4000  # from a 1e5th of the Nyquist frequency to that frequency
 LONGEST = 5000  # ticks of the step response
+ANGLES = np.linspace(-np.pi, np.pi, 2001)  # of the unit circle, with z = 1
 
 
 class Loop:
@@ -137,13 +138,20 @@ class Loop:
         return [*lines, f"  {'closed loop':<16}{state}, largest pole |z| = {margins['pole']:.5f}"]
 
     def draw(self, file: BinaryIO, kind: str = "png") -> None:
-        """Write the picture: Bode, Nyquist, and the step response of the closed loop. kind : as of picture.save"""
+        """Write the picture: Bode, Nyquist, poles and zeros, step response of the closed loop, or its sensitivity.
+
+        kind : as of picture.save
+        """
         from runtime.record.analysis import picture
 
-        figure = picture.figure(9.0, 6.0)
-        (size, nyquist), (phase, step) = figure.subplots(2, 2)
-        for axis in (size, nyquist, phase, step):
+        rows: list[Any] = [["size", "nyquist"], ["phase", "step"]]
+        if self.system is not None:
+            rows = [["size", "nyquist"], ["phase", "poles"], ["step", "near"]]
+        figure = picture.figure(9.0, 3.0 * len(rows))
+        axes = figure.subplot_mosaic(rows)
+        for axis in axes.values():
             picture.frame(axis)
+        size, nyquist, phase, step = (axes[name] for name in ("size", "nyquist", "phase", "step"))
         f, L = self.frequencies, self.response
         size.semilogx(f, 20.0 * np.log10(np.abs(L)), color=picture.BLUE)
         size.set_ylabel("|L| in dB")
@@ -162,8 +170,32 @@ class Loop:
             t, y = self.step_response()
             step.step(t, y, where="post", color=picture.GREEN)
             step.set(xlabel="time in s", ylabel="closed loop, unit step")
+            self._poles(axes["poles"], axes["near"])
         figure.suptitle(picture.plain(f"{self.title}: {self.name} at {self.at:g} s"), fontsize=10)
         picture.save(figure, file, kind)
+
+    def _poles(self, all_of_them: Axes, near: Axes) -> None:
+        """Draw poles and zeros of L and the poles of the closed loop, with the unit circle, and those near z = 1."""
+        from runtime.record.analysis import picture
+
+        assert self.system is not None
+        poles, closed = self.system.poles(), self.closed.poles()
+        for axis in (all_of_them, near):
+            axis.plot(np.cos(ANGLES), np.sin(ANGLES), color="#AAAAAA", linewidth=0.8)
+            for values, mark, colour, label in (
+                (poles, "x", picture.BLUE, "poles of L"),
+                (self.system.zeros(), "o", picture.BLUE, "zeros of L"),
+                (closed, "x", picture.GREEN, "closed loop"),
+            ):
+                axis.plot(values.real, values.imag, mark, color=colour, fillstyle="none", label=label)
+        distances = np.abs(np.concatenate([poles, closed]) - 1.0)
+        around = 1.3 * distances[distances < 0.2].max(initial=0.01)
+        radius = 1.1 * np.abs(closed).max(initial=1.0)
+        for axis, middle, half in ((all_of_them, 0.0, radius), (near, 1.0, around)):
+            axis.set(xlim=(middle - half, middle + half), ylim=(-half, half), aspect="equal")
+            axis.set(xlabel="Re z", ylabel="Im z")
+        near.set_ylabel("Im z, near z = 1")
+        all_of_them.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
     def _crossings(self, size: Axes, phase: Axes) -> None:
         for axis, name, level in ((size, "phase_frequency", 0.0), (phase, "gain_frequency", -180.0)):

@@ -224,7 +224,8 @@ def test_completion_offers_ports_and_parameters_and_no_internals():
     assert dir(Spring()) == sorted(["angle", "energy", "memory_of_steps", "stiffness", "torque", *completed])
     declared = [name for kind in ("inputs", "outputs", "parameters") for name in getattr(Impedance, kind)]
     assert dir(Impedance()) == sorted([*declared, *completed])
-    assert dir(runtime) == ["check", "connect", "linearise", "load", "optimise", "run", "simulate", "study"]
+    functions = ["check", "connect", "linearise", "load", "optimise", "run", "simulate", "study", "trim"]
+    assert dir(runtime) == functions
 
 
 def test_a_step_with_any_number_of_inputs_receives_them_in_order():

@@ -47,6 +47,55 @@ def test_a_pendulum_is_linearised_at_the_angle_where_it_rests():
     assert np.abs(system(z) / exact(z) - 1.0).max() < 1e-4
 
 
+def test_a_pendulum_is_trimmed_at_the_torque_of_its_weight_and_linearised_there():
+    """Held at 30° by m g l sin 30°, far from the 0.3 rad of its own loop."""
+    weight, angle = 2.0 * G * 0.4, math.radians(30.0)
+    torque, position = {"pendulum.torque": None}, {"pendulum.position": angle, "pendulum.velocity": None}
+    point = runtime.trim(swing(), torque, position)
+    assert point.inputs["pendulum.torque"] == pytest.approx(weight / 2.0, abs=1e-9)
+    assert point.units["pendulum.torque"] == "N·m" and point.residual < 1e-8
+    assert point.outputs["pendulum.position"] == pytest.approx(angle, abs=1e-9)
+    assert point.outputs["pendulum.velocity"] == pytest.approx(0.0, abs=1e-9)
+    assert runtime.trim(swing(), {"pendulum.torque": weight / 2.0}, {"pendulum.position": None}).outputs[
+        "pendulum.position"
+    ] == pytest.approx(angle, abs=1e-9)
+    system = runtime.linearise(swing(), ["pendulum.torque"], ["pendulum.position"], at=point)
+    J, stiffness = 2.0 * 0.4**2, weight * math.cos(angle)
+    plant = control.sample_system(control.tf(1.0, [J, 0.1, stiffness]), 1.0 / RATE, "zoh")
+    z = np.exp(2j * np.pi * np.geomspace(0.01, 90.0, 50) / RATE)
+    assert np.abs(system(z) / plant(z) - 1.0).max() < 1e-4
+
+
+def test_a_closed_loop_is_trimmed_through_its_delay_and_integrator():
+    """The PID's integral rests at the torque of the weight, from the start of the run, where it is 0."""
+    point = runtime.trim(swing(), outputs={"pid.command": None, "pendulum.position": None})
+    assert point.outputs["pendulum.position"] == pytest.approx(0.3, abs=1e-8)
+    assert point.outputs["pid.command"] == pytest.approx(2.0 * G * 0.4 * math.sin(0.3), abs=1e-7)
+    with pytest.raises(BadInput, match="the steady state is of other blocks than loop: trim the same diagram"):
+        runtime.linearise(around(UnitDelay), ["mass.force"], ["mass.position"], at=point)
+
+
+@pytest.mark.parametrize(
+    "inputs, outputs, said",
+    [
+        (
+            {"pendulum.torque": 9.0},
+            {},
+            r"swing has no steady state near 0 s: pendulum\..* changes by .*; free an input",
+        ),
+        ({"pendulum.torque": 1.0}, {"pendulum.position": 1.0}, "no steady state near 0 s"),
+        ({"pendulum.torque": None}, {}, "more inputs to find .1. than values of outputs .0.: give a value"),
+        ({}, {"pendulum.position": (1.0, 2.0)}, r"pendulum.position cannot be \(1.0, 2.0\): give 1 finite number"),
+        ({"pendulum.torque": math.nan}, {}, "pendulum.torque cannot be nan: give 1 finite number"),
+        ({}, {"pendulum.positon": 1.0}, "no signal 'pendulum.positon': did you mean"),
+    ],
+)
+def test_a_diagram_without_that_steady_state_is_an_error(inputs, outputs, said):
+    """The weight is at most m g l = 7.8 N·m, so that 9 N·m turn the pendulum for ever."""
+    with pytest.raises(BadInput, match=said):
+        runtime.trim(swing(), inputs, outputs)
+
+
 def test_margins_of_a_loop_are_those_of_its_equations_with_the_delay():
     """Linear throughout: a mass, two ticks of a bus, a PD as a transfer function."""
     with Diagram("linear", rate=RATE) as diagram:
@@ -96,7 +145,8 @@ def test_the_command_prints_the_margins_and_draws_them(tmp_path, command_line):
     assert (code, err) == (0, "")
     for part in ("loop opened at mass.force, after gain.y", "gain margin", "phase margin", "delay margin", "stable, "):
         assert part in out
-    assert "|L| in dB" in (tmp_path / "loop.svg").read_text()
+    drawn = (tmp_path / "loop.svg").read_text()
+    assert all(label in drawn for label in ("|L| in dB", "Re L", "zeros of L", "closed loop, unit step"))
     assert "no signal is connected to 'mass.forc': choose one of gain.u, mass.force" in command_line.refused(
         "analyse", str(file), "--loop", "mass.forc"
     )
