@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -76,9 +77,12 @@ def trim(
     need("control", "a steady state")  # which brings SciPy
     from scipy import optimize
 
+    for kind, values in (("inputs", inputs), ("outputs", outputs)):
+        if not isinstance(values, Mapping):
+            raise BadInput(f"{kind} are {{name: value}}, with None for a value to find, got {values!r}")
     _, diagram = load(given, settings)
     check(diagram)
-    ticks = max(1, round(at * diagram.rate))  # the first tick sets memories that are NaN
+    ticks = max(1, tick_at(diagram, at))  # the first tick sets memories that are NaN
     closed = compile_diagram(diagram.name, diagram)
     memory, now = run(closed, closed.arena, ticks), run(closed, closed.arena, ticks + 1)
     with opened(diagram, closed, now, inputs):
@@ -185,14 +189,14 @@ def linearise(
     closed = compile_diagram(diagram.name, diagram)
     held = at.inputs if isinstance(at, Trim) else {}
     if isinstance(at, Trim):
-        if closed.items.keys() != at.schedule.items.keys():
-            raise BadInput(f"the steady state is of other blocks than {diagram.name}: trim the same diagram")
+        if sizes(closed) != sizes(at.schedule):
+            raise BadInput(f"the steady state is of other blocks than {diagram.name}: use the diagram that was trimmed")
         memory, now = moved(at.schedule, closed, at.arena), moved(at.schedule, closed, at.after)
         for name, place in closed.signals.items():
             start = at.schedule.signals[name].slot
             now[place.slot : place.slot + place.size] = at.after[start : start + place.size]
     else:
-        ticks = round(at * diagram.rate)
+        ticks = tick_at(diagram, at)
         memory, now = run(closed, closed.arena, ticks), run(closed, closed.arena, ticks + 1)
     with opened(diagram, closed, now, [*inputs, *held]):
         schedule = compile_diagram(diagram.name, diagram)
@@ -218,6 +222,18 @@ def known(diagram: Diagram, schedule: Schedule, outputs: Iterable[str]) -> None:
     unknown = next((name for name in outputs if name not in schedule.signals), None)
     if unknown is not None:
         raise BadInput(f"{diagram.name} has no signal {unknown!r}: {suggestion(unknown, schedule.signals)}")
+
+
+def tick_at(diagram: Diagram, at: float) -> int:
+    """Return the tick at a time in s of the run, or raise BadInput."""
+    if not 0.0 <= at < math.inf:
+        raise BadInput(f"the time must be a finite number of seconds from 0, got at={at!r}")
+    return round(at * diagram.rate)
+
+
+def sizes(schedule: Schedule) -> dict[str, dict[str, int]]:
+    """Return the size of each memory of each block."""
+    return {path: {name: size for name, (_, size) in items.items()} for path, items in schedule.items.items()}
 
 
 def check(diagram: Diagram) -> None:

@@ -71,7 +71,9 @@ def test_a_closed_loop_is_trimmed_through_its_delay_and_integrator():
     point = runtime.trim(swing(), outputs={"pid.command": None, "pendulum.position": None})
     assert point.outputs["pendulum.position"] == pytest.approx(0.3, abs=1e-8)
     assert point.outputs["pid.command"] == pytest.approx(2.0 * G * 0.4 * math.sin(0.3), abs=1e-7)
-    with pytest.raises(BadInput, match="the steady state is of other blocks than loop: trim the same diagram"):
+    with pytest.raises(
+        BadInput, match="the steady state is of other blocks than loop: use the diagram that was trimmed"
+    ):
         runtime.linearise(around(UnitDelay), ["mass.force"], ["mass.position"], at=point)
 
 
@@ -87,6 +89,11 @@ def test_a_closed_loop_is_trimmed_through_its_delay_and_integrator():
         ({"pendulum.torque": None}, {}, "more inputs to find .1. than values of outputs .0.: give a value"),
         ({}, {"pendulum.position": (1.0, 2.0)}, r"pendulum.position cannot be \(1.0, 2.0\): give 1 finite number"),
         ({"pendulum.torque": math.nan}, {}, "pendulum.torque cannot be nan: give 1 finite number"),
+        (
+            ["pendulum.torque"],
+            {},
+            r"inputs are {name: value}, with None for a value to find, got \['pendulum.torque'\]",
+        ),
         ({}, {"pendulum.positon": 1.0}, "no signal 'pendulum.positon': did you mean"),
     ],
 )
@@ -94,6 +101,21 @@ def test_a_diagram_without_that_steady_state_is_an_error(inputs, outputs, said):
     """The weight is at most m g l = 7.8 N·m, so that 9 N·m turn the pendulum for ever."""
     with pytest.raises(BadInput, match=said):
         runtime.trim(swing(), inputs, outputs)
+
+
+@pytest.mark.parametrize("at", [-1.0, math.nan, math.inf])
+def test_a_time_outside_the_run_is_an_error(at):
+    with pytest.raises(BadInput, match="the time must be a finite number of seconds from 0, got at="):
+        runtime.trim(swing(), {"pendulum.torque": None}, {"pendulum.position": 0.1}, at=at)
+    with pytest.raises(BadInput, match="the time must be a finite number of seconds from 0, got at="):
+        runtime.linearise(swing(), ["pendulum.torque"], ["pendulum.position"], at=at)
+
+
+def test_a_saturated_controller_has_no_steady_state_and_the_error_names_what_still_changes():
+    diagram = swing()
+    diagram["pid"].upper = 1.0  # N·m: below the weight at 0.3 rad, so that it rests elsewhere
+    with pytest.raises(BadInput, match="pendulum.position is .* from its value"):
+        runtime.trim(diagram, {}, {"pendulum.position": 0.3})
 
 
 def test_margins_of_a_loop_are_those_of_its_equations_with_the_delay():
