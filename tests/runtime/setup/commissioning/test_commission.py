@@ -146,6 +146,19 @@ OTHERS = {
     "couple": (("CubeMarsV3", "AK80-9-V3.0", 12, {"twin": True}, {}), "two drives with one id"),
     "brace": (("RobStride", "RS02", 13, {"twin": True}, {}), "two drives with one id"),
 }
+FURTHER = {
+    "alternate": (("CubeMars", "AK80-9", 1, {"inputs": {"dropped": 0.5}}, {}), "lost replies"),
+    "cyber": (("RobStride", "CyberGear", 2, {"velocity": -1.0}, {}), "sign of velocity"),
+    "servo": (("CubeMarsServo", "AK60-6-V1.1", 3, {"velocity": -1.0}, {}), "sign of velocity"),
+    "board": (("CubeMarsV3", "AK80-9-V3.0", 4, {"offset": 0.4}, {}), "zero"),
+    "motor": (("RobStrideMIT", "RS04", 5, {"wrap": 0.698}, {}), "wraps"),
+    "stuck": (("CubeMarsServo", "AK80-9", 6, {"inputs": {"stuck_encoder": True}}, {}), "encoder"),
+    "shaken": (("CubeMarsV3", "AK80-9-V3.0", 7, {"noise": 0.05}, {}), "noisy position"),
+    "slow": (("RobStride", "RS02", 8, {"inputs": {"delay": 0.02}}, {}), "slow replies"),
+    "other": (("CubeMars", "AK80-9", 9, {"kind": "CubeMars", "other": "AK60-6-V1.1"}, {}), "velocity range"),
+    "family": (("RobStrideMIT", "RS02", 10, {"kind": "CubeMars", "other": "AK80-9"}, {}), "protocol"),
+    "healthy": (("RobStride", "RS04", 11, {}, {}), None),
+}
 TORQUE = {
     "against": (("CubeMars", "AK80-9", 4, {"torque_scale": -1.0}, {}), "sign of torque"),
     "declared": (("CubeMars", "AK80-9", 5, {}, {"drive_timeout": 0.1}), "no time-out"),
@@ -184,11 +197,12 @@ PASSIVE = ("--only", "identity", "bus", "state", "zero", "pose", "turn", "motion
         (114, MIT, PASSIVE),
         (115, PROTOCOLS, PASSIVE),
         (112, OTHERS, PASSIVE),
+        (121, FURTHER, PASSIVE),
         (116, TORQUE, ()),
         (118, GROUND, PASSIVE),
         (116, SUPPLY, PASSIVE[:4]),
     ],
-    ids=["MIT mode", "protocols and buses", "others", "torque", "ground", "supply"],
+    ids=["MIT mode", "protocols and buses", "others", "further", "torque", "ground", "supply"],
 )
 def test_each_fault_is_named_before_5_percent_of_the_rated_torque(tmp_path, number, drives, words):
     check_what_is_found(tmp_path, number, drives, words, 1)
