@@ -211,11 +211,18 @@ def test_a_mass_bounces_as_in_closed_form_until_it_rests(solver):
     assert position[-1] == velocity[-1] == 0.0
 
 
-def test_a_block_in_python_states_an_event_and_its_jump():
-    position, _ = swing(block_of(Ball), 100.0, 3.0)
+class CompiledBall(Ball):
+    """The same with a derivative compiled by Numba."""
+
+    jit = True
+
+
+@pytest.mark.parametrize("cls", [Ball, CompiledBall])
+def test_a_block_in_python_states_an_event_and_its_jump(cls):
+    position, _ = swing(block_of(cls), 100.0, 3.0)
     assert np.abs(position - fall(np.arange(301) / 100.0, 0.8)).max() < 1e-11
     with Diagram("alone", 100.0):
-        ball = Ball()
+        ball = cls()
     for index in range(300):
         assert abs(ball.step()[0] - position[index]) < 1e-12
         ball.update()
