@@ -75,12 +75,22 @@ class Loop:
     def response(self) -> np.ndarray:
         """L at the frequencies, complex."""
         assert self.system is not None
-        return np.ravel(self.system(np.exp(2j * np.pi * self.frequencies / self.rate)))
+        system, z = self.system, np.exp(2j * np.pi * self.frequencies / self.rate)
+        parts = [  # C (z I - A)⁻¹ B + D, 100 frequencies at once
+            system.C @ np.linalg.solve(part[:, None, None] * np.eye(system.nstates) - system.A, system.B) + system.D
+            for part in np.array_split(z, len(z) // 100)
+        ]
+        return np.concatenate(parts).ravel()
 
     @cached_property
     def closed(self) -> Any:
         """The closed loop, L / (1 + L), as a control.StateSpace."""
         return need("control", "analysis").feedback(self.system, 1)
+
+    @cached_property
+    def pole(self) -> float:
+        """Largest |z| of the poles of the closed loop; 0 if it was measured."""
+        return float(np.abs(self.closed.poles()).max(initial=0.0)) if self.system is not None else 0.0
 
     @cached_property
     def margins(self) -> dict[str, float]:
@@ -102,7 +112,7 @@ class Loop:
             "delay": math.radians(phase % 360.0) / float(at_phase) if math.isfinite(at_phase) else math.inf,
             "distance": float(distance),
             "distance_frequency": float(at_distance) / (2.0 * math.pi),
-            "pole": float(np.abs(self.closed.poles()).max(initial=0.0)) if self.system is not None else 0.0,
+            "pole": self.pole,
         }
 
     @property

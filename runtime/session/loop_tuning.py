@@ -66,9 +66,8 @@ def tune(
             loop = loop_of(factors)
         except (BadInput, DiagramError):
             return 1e6  # beyond the bounds of a parameter, or a fault in the run
-        margins = loop.margins
-        if margins["pole"] >= 1.0 or not loop.linear:
-            return 1e3 * (1.0 + margins["pole"])
+        if loop.pole >= 1.0 or not loop.linear:
+            return 1e3 * (1.0 + loop.pole)
         sensitivity = 1.0 / np.abs(1.0 + loop.response)
         nearest = 1.0 / sensitivity.max()
         counted = loop.frequencies > loop.rate / 2.0 / 10.0**DECADES
@@ -82,7 +81,7 @@ def tune(
     found = minimize(cost, np.zeros(len(start)), method="Nelder-Mead", options=options)
     best = loop_of(found.x)
     reached = float(np.abs(1.0 + best.response).min())
-    if best.margins["pole"] >= 1.0 or not best.linear or reached < 0.98 * distance:
+    if best.pole >= 1.0 or not best.linear or reached < 0.98 * distance:
         raise BadInput(
             f"no gains near the present ones have |1 + L| of at least {distance:g} at {name} (reached: {reached:.3g}): "
             "start from lower gains, or lower the distance"
