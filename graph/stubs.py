@@ -268,6 +268,8 @@ def constructor(kind: type[Block]) -> list[str]:
     optional = False
     for name, param in kind.parameters.items():
         annotation = value_type(param)
+        if param.dtype is float and param.unit.startswith("rad"):
+            annotation = annotation.replace("float", "float | str")  # "10 deg"; elsewhere more often a mistake
         if not param.fixed and annotation != "Any":
             annotation += " | Live"
         named = kind.positional is not None and name not in kind.positional
@@ -366,8 +368,10 @@ def is_field(node: ast.AST | None, field: str) -> bool:
 
 
 def names_only(value: ast.AST | None, target: ast.AST | None, kind: type[Block], field: str) -> bool:
-    """Return whether an assigned dict only has names that the class declares."""
+    """Return whether an assigned dict, or `self.inputs | {...}`, only has names that the class declares."""
     known = getattr(kind, field)
+    if isinstance(value, ast.BinOp) and isinstance(value.op, ast.BitOr):
+        return all(is_field(side, field) or names_only(side, None, kind, field) for side in (value.left, value.right))
     if isinstance(target, ast.Subscript):
         return isinstance(target.slice, ast.Constant) and target.slice.value in known
     if isinstance(value, ast.Dict):

@@ -30,8 +30,6 @@ class _Controller(Block):
         self.unit = canonical(self.unit)
         if self.unit != ANY:
             self.outputs = {"command": in_unit(self.outputs["command"], self.unit)}
-            if "manual_command" in self.inputs:
-                self.inputs = self.inputs | {"manual_command": in_unit(self.inputs["manual_command"], self.unit)}
 
 
 def in_unit(port: Any, unit: str) -> Any:
@@ -120,6 +118,8 @@ class PID(_Controller):
 
     def configure(self) -> None:
         super().configure()
+        if self.unit != ANY:
+            self.inputs = self.inputs | {"manual_command": in_unit(self.inputs["manual_command"], self.unit)}
         self.clamps = float(self.anti_windup == "clamping")
         self.winds_up = ("command",) if self.ki else ()
         self.smooth = ("reference", "measurement") if self.kd else ()

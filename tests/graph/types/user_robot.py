@@ -3,7 +3,7 @@
 from user_blocks import Elastic
 
 from blocks.actuators import CubeMars
-from blocks.controllers import GaitPhase, Impedance
+from blocks.controllers import PID, GaitPhase, Impedance
 from blocks.filters import Butterworth
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
@@ -31,7 +31,7 @@ class Spring(Block):
 
 with Diagram("robot", rate=200) as diagram:
     with subsystem("left", every=2):
-        knee = CubeMars("AK80-9", bus="left", can_id=1, limit=12.0, name="knee")
+        knee = CubeMars("AK80-9", bus="left", can_id=1, limit=12.0, offset="10 deg", name="knee")
     phase, walking, *_ = GaitPhase(threshold=0.5)(knee.position, knee.velocity)
     law = Impedance(stiffness=Live(20.0, max=40.0), damping=1)
     Impedance(stifness=3)  # wrong: misspelt parameter
@@ -41,6 +41,7 @@ with Diagram("robot", rate=200) as diagram:
     law.stiffness = knee.position  # wrong: a signal for a number
     law(knee.positoin)  # wrong: misspelt output
     law(knee.position, speed=knee.velocity)  # wrong: no such input
+    PID(kp=2.0)(0.5, measurment=knee.position)  # wrong: no such input
     law(knee.position, velocity="fast")  # wrong: neither a signal nor a number
     total = 2.0 * torque - knee.torque / 3 + Sum("+-")(torque, knee.torque)
     torque + "1"  # wrong: a signal and a text
