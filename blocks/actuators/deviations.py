@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from blocks.actuators.ranges import RANGES
-from blocks.actuators.sources import Sourced, with_ranges
+from blocks.actuators.sources import with_ranges
 from graph import Deviation
 
 TOLERANCE = 1e-6  # relative
@@ -60,15 +60,14 @@ def original(block: Any) -> Any:
 
 
 def of_ranges(block: Any, scales: Sequence[float], law: bool = True) -> Iterator[Deviation]:
-    """Yield the Deviations of the encoded ranges, except from a range that the table only assumes.
+    """Yield the Deviations of the encoded ranges.
 
     scales : factors from motor to joint; law : whether the drive evaluates the law with its ranges
     """
     spec = with_ranges(table_of(block) or block.spec, block.ranges)
     for name, unit, wire, scale, effect in zip(RANGES, UNITS, block.wire, scales, IN_LAW if law else IN_REPORTS):
         own, table = wire / scale, getattr(spec, f"wire_{name}")
-        guessed = isinstance(spec, Sourced) and bool(spec.assumed(f"wire_{name}"))
-        if effect and differ(own, table) and not guessed:
+        if effect and differ(own, table):
             factor = table / own
             text = effect.format(factor, factor * block.torque_limit, block.torque_limit)
             yield Deviation(

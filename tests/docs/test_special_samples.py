@@ -31,7 +31,7 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "docs.test_special_samples.test_the_device_family_of_the_page_is_accepted",
         "docs.test_special_samples.test_the_dialogue_of_the_page_asks_for_a_confirmation",
     ),
-    "docs/how_to/analysis.md": ("docs.test_special_samples.test_the_loop_of_the_page_has_its_margins",),
+    "docs/how_to/analysis.md": ("docs.test_special_samples.test_the_loop_of_the_page_has_its_margins",) * 2,
     "docs/how_to/mujoco.md": ("blocks.test_mujoco.test_the_picture_of_the_page_shows_the_leg",),
     "docs/how_to/native_blocks.md": (
         "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",
@@ -212,8 +212,11 @@ def test_the_loop_of_the_page_has_its_margins(tmp_path, monkeypatch):
     words = re.search("python -m runtime (analyse swing.py .*)", page)[1].split()
     assert textwrap.indent(finished(*words, cwd=tmp_path).stdout, "    ") in page
     monkeypatch.chdir(tmp_path)
-    exec(samples("docs/how_to/analysis.md")[0], names)
+    first, second = samples("docs/how_to/analysis.md")
+    exec(first, names)
     assert names["system"].isdtime(strict=True) and max(abs(names["system"].poles())) < 1.0
+    exec(second, names)
+    assert names["point"].outputs["shank.position"] == pytest.approx(0.5) and names["system"].poles().size
 
 
 def test_the_rates_of_the_page_are_those_of_the_command(tmp_path):

@@ -176,7 +176,8 @@ def test_a_rig_with_can_fd_is_scanned_armed_stopped_and_replayed(tmp_path):
         assert "id 1    moteus  0.000 rad" in scanned and "24.0 V, no fault" in scanned
         classic = runtime("scan", "--rig", "classic.toml", timeout=60).stdout
         assert "moteus" not in classic and "disable of drives in MIT mode" in classic, classic
-        ended = runtime("robot.py", "--rig", "lab.toml", "--duration", "0.5", "--yes", timeout=60)
+        accepted = ("--accept", "knee.wire_stiffness", "--accept", "knee.wire_damping")
+        ended = runtime("robot.py", "--rig", "lab.toml", "--duration", "0.5", "--yes", *accepted, timeout=60)
         assert ended.returncode == 0 and "confirmed by knee" in ended.stdout, ended.stdout
     finally:
         plant.terminate()
