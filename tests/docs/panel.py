@@ -68,6 +68,7 @@ def main() -> None:
         tabs = {path: new_tab(f"http://127.0.0.1:{port}/{path}") for path in ("", "subject")}
         time.sleep(WALKING_TIME)
         for picture, (path, width, height, dark, script) in PICTURES.items():
+            tabs[path].call("Page.bringToFront")  # a page in the background draws nothing
             tabs[path].look(width, dark, height)
             tabs[path].evaluate(script)
             time.sleep(2.0)
