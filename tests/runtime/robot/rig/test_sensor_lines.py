@@ -74,8 +74,8 @@ from blocks.sensors import Insole, Microcontroller
 from graph import Diagram
 
 with Diagram("walk", rate=200) as diagram:
-    Insole(name="sole")
-    Microcontroller(fields=(("load", "int24", "N", 0.01),), name="teensy", timeout=0.2)
+    Insole(name="sole", timeout=1.0)  # the sender shares its interpreter with the test, and a busy machine stops both
+    Microcontroller(fields=(("load", "int24", "N", 0.01),), name="teensy", timeout=1.0)
     CsvRecorder()
 """
 
