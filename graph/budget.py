@@ -54,6 +54,11 @@ class LineLoad(Struct, frozen=True):
         return SERIAL_BITS_PER_BYTE * self.bytes / self.speed
 
 
+def rate_ratio(bitrate: float, data_bitrate: float) -> float:
+    """Return bitrate / data bitrate: how many bits of the bitrate a bit of the data phase lasts."""
+    return bitrate / (data_bitrate or bitrate)
+
+
 def frame_bits(length: int, extended: int, ratio: float = 1.0) -> tuple[float, float]:
     """Return the (typical, worst) number of bits that a frame lasts, including the gap.
 
@@ -83,7 +88,7 @@ def bus_loads(devices: Sequence[Device], rate: float) -> list[BusLoad]:
         if frames:
             bitrate = min(device.bitrate for device in here)
             data_bitrate = min((device.data_bitrate for device in here if device.data_bitrate), default=0.0)
-            ratio = bitrate / data_bitrate if data_bitrate else 1.0
+            ratio = rate_ratio(bitrate, data_bitrate)
             bits = [(often, *frame_bits(length, extended, ratio)) for often, length, extended in frames]
             typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
             loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst, data_bitrate))
@@ -98,7 +103,7 @@ def damping_round(bus: str, blocks: Sequence[Block]) -> float:
         if isinstance(block, Device) and block.bus == bus and (stop := block.damped_stop()) is not None
     ]
     bits = sum(
-        2 * frame_bits(len(data), extended, block.bitrate / (block.data_bitrate or block.bitrate))[1] / block.bitrate
+        2 * frame_bits(len(data), extended, rate_ratio(block.bitrate, block.data_bitrate))[1] / block.bitrate
         for block, stop in damped
         for _, extended, data in stop.bands[0][1]
     )

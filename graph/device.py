@@ -21,6 +21,8 @@ from graph.device_data import (
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.interval import Interval
 
+UNIT_EXPECTED = 2.0  # first item of the memory `unique` of a device, from which on arming requires one unit
+
 
 class Device(Block):
     """A block on a bus: outputs hold the newest sample at the start of a tick, inputs are sent at its end.
@@ -140,7 +142,8 @@ class Device(Block):
     def unit_memory(self, serial: str) -> dict[str, tuple[float, ...]]:
         """Return {name of a memory: values} with which every arming requires the unit with this serial number.
 
-        {} for a device that does not report its number while it is armed.
+        {} for a device that does not report its number while it is armed. Those that do have a memory `unique`, whose
+        first item is UNIT_EXPECTED or more.
         """
         return {}
 

@@ -140,9 +140,14 @@ cdef double ORDER_SHARE = 0.85          # of the variance of the upper segment
 
 cdef struct Order:
     int32_t left_upper, right_upper, left_lower, right_lower, enable
-    int32_t moments             # means, then mean squares, of the inputs in their order; s of the wrong order, of comparison, and since a pause
+    int32_t moments             # means, then mean squares, of the inputs in their order; then see below
 
 ORDER = items((<Order *>ITEMS)[0], "moments[11]")
+
+cdef enum:
+    DISORDER = 8                # s of the wrong order,
+    ORDERS = 9                  # of comparison,
+    ONWARD = 10                 # and since a pause
 
 
 cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexcept nogil:
@@ -157,8 +162,8 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
     x[3] = arena[at.right_lower]
     if not is_finite(x[0] + x[1] + x[2] + x[3]) or arena[at.enable] != arena[at.enable]:
         return OK
-    if pauses(arena[at.enable], arena[DT], m + 9, m + 10):
-        m[8] = 0.0
+    if pauses(arena[at.enable], arena[DT], m + ORDERS, m + ONWARD):
+        m[DISORDER] = 0.0
         return OK
     for i in range(4):
         m[i] += share * (x[i] - m[i])
@@ -166,8 +171,8 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
     for i in range(2):
         if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < ORDER_SHARE * (m[4 + i] - m[i] * m[i]):
             status = RIGHT_ORDER if i else LEFT_ORDER
-    m[8] = m[8] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[10] >= 0.0 else 0.0
-    return status if m[8] > FAULT_TIME else OK
+    m[DISORDER] = m[DISORDER] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[ONWARD] >= 0.0 else 0.0
+    return status if m[DISORDER] > FAULT_TIME else OK
 
 
 cdef enum:                              # statuses

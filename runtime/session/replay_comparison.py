@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from graph.budget import CLASSIC_BYTES
 from runtime.record.analysis.compare import Comparer, Comparison
+from runtime.robot.guardian.wires import FD
 
 LENGTH, FLAGS, DATA = 12, 13, 16  # bytes of a struct Frame
-FD, CLASSIC_BYTES = 0b100, 8
 
 
 class Side:

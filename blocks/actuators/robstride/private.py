@@ -30,6 +30,7 @@ from graph import (
     StopReply,
     TorqueBound,
 )
+from graph.device import UNIT_EXPECTED
 
 if TYPE_CHECKING:
     from graph.device_data import DampedStop
@@ -336,7 +337,7 @@ class RobStride(ReadBack, Joint, Actuator):
 
     def unit_memory(self, serial: str) -> dict[str, tuple[float, ...]]:
         low, high = struct.unpack("<II", bytes.fromhex(serial))
-        return {"unique": (2.0, float(high), float(low))}
+        return {"unique": (UNIT_EXPECTED, float(high), float(low))}
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [self.command(frames.ENABLE)]

@@ -11,6 +11,7 @@ from cext.safety.suspend import time_suspended, was_paused
 from cext.safety.thresholds import PAGE_SILENCE
 from cext.user_text import last_lines
 from graph import Device
+from graph.device import UNIT_EXPECTED
 from graph.signal import Signal
 from runtime.host.system import read
 from runtime.record.report import drive_faults, fault_context, lost_replies
@@ -66,9 +67,6 @@ def explain(result: RunResult) -> list[str]:
 def _when(result: RunResult) -> str:
     tick = result.outcome.tick
     return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
-
-
-UNIT_EXPECTED = 2.0  # in the memory `unique` of a drive, from which on arming expects a unit
 
 
 class Case(NamedTuple):

@@ -82,7 +82,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
   buses                    bus, medium (can, stream, i2c), line (kind of stream,
                            such as gpio, "" for others), devices, coverage,
                            and if the traffic is known bitrate, data_bitrate
-                           (bit/s; 0: no rate switch), frames (1/s), typical, worst (share of the bitrate)
+                           (bit/s; 0: no rate switch), frames (1/s), typical,
+                           worst (share of the bitrate)
     coverage               for each failure of a run on a rig: failure,
                            covered, by (what stops the drives, or the drives
                            that nothing stops)

@@ -1,4 +1,4 @@
-"""AS5600 and AS5048B: registers of the data sheets, what is no angle, and runs with the emulated chips."""
+"""AS5600 and AS5048B: registers as in the data sheets, readings without an angle, and runs with the emulated chips."""
 
 import math
 
