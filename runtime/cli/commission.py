@@ -165,7 +165,7 @@ def commission_device(
         if step.driven and (why := off_because(record)):
             print_lines([f"  not carried out: the motor stays off, because {why}"])
             continue
-        result = step.carry_out(bench, block, given)
+        result = step.of(bench, block, given)
         print_lines([f"  {line}" for line in result.says])
         print_lines([f"  ! {fault}: {text}" for fault, text in result.findings])
         when = datetime.datetime.now()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -83,6 +84,10 @@ class Given:
     lever: Any = None
 
 
+class Lost(Exception):
+    """A drive that no longer responds, although it did. Its argument is what was observed, as text."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """One reply of a drive. time in s; position and velocity at the joint, before sign and offset; the Answer"""
@@ -116,6 +121,8 @@ class Bench:
         self.period = 1.0 / diagram.rate
         self.buses: dict[str, ToolBus] = {}
         self.reports: dict[str, scan.Report] = {}
+        self.errors_in_runs: Counter[str] = Counter()
+        self._errors_before: Counter[str] = Counter()
         self._stack = ExitStack()
 
     def __enter__(self) -> Bench:
@@ -138,8 +145,14 @@ class Bench:
                 if block.bus in self.buses and (frame := self.queries[block.path].frame):
                     self.buses[block.bus].send(frame, "disable")
         finally:
+            self._errors_before.update({name: tool.errors for name, tool in self.buses.items()})
             self.buses.clear()
             self._stack.close()
+
+    def errors(self, bus: str) -> int:
+        """Return the number of error frames of a bus so far, those of runs included."""
+        open_now = self.buses[bus].errors if bus in self.buses else 0
+        return self._errors_before[bus] + self.errors_in_runs[bus] + open_now
 
     def report(self, bus: str) -> scan.Report:
         """Return the scan.Report of a bus, made once."""
@@ -193,10 +206,10 @@ class Bench:
         return self.watch(enter_pressed)
 
     def at_rest(self, block: Any) -> list[Sample]:
-        """Return the Samples of a drive at rest. Raises BadInput if it does not respond."""
+        """Return the Samples of a drive at rest. Raises Lost if it does not respond."""
         samples = self.for_seconds(STILL_TIME, [block])[block.path]
         if not samples:
-            raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+            raise Lost(f"the drive did not respond for {STILL_TIME:g} s")
         return samples
 
 

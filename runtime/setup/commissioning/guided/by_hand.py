@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from runtime.host.errors import BadInput
-from runtime.setup.commissioning.guided.bench import Bench, Given, Result, Sample
+from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, Sample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,10 +63,11 @@ def turn(bench: Bench, block: Any, given: Given) -> Result:
         f"Turn the joint in the positive direction of the diagram to the second mark, {math.degrees(angle):g}° on, "
         "without going back, and hold it"
     )
+    bench.at_rest(block)
     turned = {path: Turn(samples) for path, samples in seen.items() if len(samples) > 10}
     result = Result()
     if block.path not in turned:
-        raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+        raise Lost(f"the drive sent {len(seen[block.path])} replies during the turn")
     own = turned[block.path]
     result.measured = {"angle": angle, "turned": own.moved, "velocity_integral": own.integral}
     result.says.append(f"turned by {own.moved:.3f} rad of {angle:.3f} rad, by its velocity {own.integral:.3f} rad")
@@ -202,8 +202,7 @@ def compare_parameters(result: Result, bench: Bench, block: Any) -> None:
 def motion(bench: Bench, block: Any, given: Given) -> Result:
     """Measure the range of the joint."""
     seen = bench.until_entered("Move the joint through its full motion, to both ends")[block.path]
-    if not seen:
-        raise BadInput(f"{block.path}: id {block.can_id} does not respond")
+    bench.at_rest(block)
     angles = [sign_of(block) * sample.position - block.offset for sample in seen]
     low, high = min(angles), max(angles)
     result = Result([f"moves from {low:.3f} to {high:.3f} rad"], {"low": low, "high": high})

@@ -20,7 +20,7 @@ from graph import Actuator, Block, Device, Diagram, Input, Output, Param
 from runtime.host.console.terminal import print_to_stderr
 from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.robot.loading.file import compile_diagram
-from runtime.setup.commissioning.guided.bench import Bench, Given, Result, number
+from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +43,7 @@ LATE, LATER = 0.1, 0.5  # s beyond a declared time-out: a drive that acts by the
 FALL = 0.5  # periods of the lever / 2π, in which it shows that it has fallen
 FALLEN_SHARE = 0.3  # of the deflection
 AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
+SILENT = ("silent", "no answer")  # statuses of a run whose drive does not respond
 STOPPED = "has stopped by itself"
 OF_COMPUTER = ("unguarded", "overrun", "hung", "suspended", "fenced", "exception")  # faults that no drive causes
 NO_LEVER = "without a lever nothing was measured"
@@ -226,6 +227,8 @@ def failed(result: Result, block: Any, run: RunResult) -> Result:
     words = "; ".join(" ".join(line.split()) for line in run.report) or str(run.outcome.error or run.outcome.status)
     if run.outcome.status in OF_COMPUTER:
         return Result([f"the run ended for a reason of this computer, so nothing was measured: {words}"], done=False)
+    if run.outcome.status in SILENT and run.outcome.culprit == "joint":
+        raise Lost(words)
     name = "setting not kept" if "was written" in words else "fault of the run"
     result.find(name, f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
     return result
@@ -287,9 +290,9 @@ def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
     schedule = compile_diagram(bench.file, diagram)
     armed = any(isinstance(block, Actuator) for block in diagram)
     request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True, yes=not armed)
-    run = Session(
-        Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks), print_to_stderr
-    ).carry_out()
+    buses = RigBuses(rig, diagram, schedule.buses)
+    run = Session(Prepared(request, diagram, schedule, None, buses, ticks), print_to_stderr).carry_out()
+    bench.errors_in_runs.update({name: counts.get("errors", 0) for name, counts in buses.after.items()})
     if run.outcome.stopped:
         raise Interrupted(signal.SIGINT)
     raise_if_ended_by_signal(run.outcome)

@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import ZERO_LIMIT
-from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Result, Sample, confirmed
+from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Lost, Result, Sample, confirmed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +18,7 @@ REPLIES = 150  # queries
 QUERY_TIME = 0.4  # s of queries to all drives of a bus
 REPLY_TIMEOUT = 0.1  # s
 STOPS = 3  # disables of which a drive answers one
+ALONE, ALONE_TIME = 5, 0.02  # queries of one drive, and s before and after each
 REPORTS_TIME = 0.5  # s of reports that are counted
 REPORTS = 4  # fewest reports in that time of a drive that reports by itself
 REPORTS_SHARE = 0.7  # of the declared rate, below which the reports are too slow
@@ -38,8 +39,15 @@ def identity(bench: Bench, block: Any, given: Given) -> Result:
     twins = [remark for drive in here for remark in drive.remarks if "have id" in remark]
     on_bus = [each for each in bench.drives if each.bus == block.bus]
     lost = [path for path, samples in bench.for_seconds(QUERY_TIME, on_bus).items() if not samples]
+    others = two_replies(bench, block)
     if twins:
         result.find("two drives with one id", twins[0])
+    elif others and not (block.path in lost and here):
+        result.find(
+            "two drives with one id",
+            f"each query of id {block.can_id} has {'a' if block.path in lost else 'another'} reply {others}: "
+            "disconnect all drives but one, and set its ids",
+        )
     elif block.path in lost and here:
         found = " and ".join(dict.fromkeys(drive.family for drive in here))
         result.find(
@@ -71,6 +79,38 @@ def identity(bench: Bench, block: Any, given: Given) -> Result:
         reply = drive.settings.get("reply", getattr(block, "reply", None))
         if reply != getattr(block, "reply", None):
             result.find("length of replies", f"the drive replies with {reply} bytes", reply=reply)
+    return result
+
+
+def two_replies(bench: Bench, block: Any) -> str:
+    """Return which replies follow each query of one drive besides its own, as text; "" for none."""
+    tool, query = bench.buses[block.bus], bench.queries[block.path]
+    if query.frame is None:
+        return ""
+    before, after = [], []
+    for _ in range(ALONE):
+        before += tool.listen(ALONE_TIME)
+        tool.send(query.frame, "disable")
+        after.append({key_of(frame) for frame in tool.listen(ALONE_TIME) if not query.read(*frame)})
+    others = set.intersection(*after) - {key_of(frame) for frame in before}
+    return ", ".join(
+        f"{identifier:08X}" if extended else f"{identifier:03X} of id {first}" for identifier, extended, first in others
+    )
+
+
+def key_of(frame: tuple[int, bool, bytes]) -> tuple[int, bool, int]:
+    """Return (identifier, is extended, first byte of a standard frame, which is the id in replies of MIT mode)."""
+    identifier, extended, data = frame
+    return identifier, extended, data[0] if data and not extended else -1
+
+
+def after_silence(bench: Bench, block: Any, observed: str) -> Result:
+    """Compare what responds now at the id of a drive that has stopped responding. observed : as text"""
+    bench.reports.pop(block.bus, None)
+    result = identity(bench, block, Given(0.0))
+    result.says.insert(0, observed)
+    if not result.findings:
+        result.find("silent", f"{observed}, and responds again: check its plug, cable and supply")
     return result
 
 
@@ -108,7 +148,7 @@ def bus(bench: Bench, block: Any, given: Given) -> Result:
         else:
             lost += 1
             if lost > REPLIES * 0.2 and not times:
-                break
+                raise Lost(f"none of {lost} queries had a reply")
         time.sleep(max(0.0, due - time.monotonic()))
     loaded = tool.errors - before - idle
     corrupt = tool.wire.counts.get("corrupt", 0) - corrupt

@@ -22,11 +22,13 @@ STILL_ACCEL, STILL_GYRO = 0.3, 0.05  # m/s² and rad/s, standard deviation of a 
 BIAS = 0.05  # rad/s
 RECEIVED_SHARE = 0.9  # of the samples at the declared rate
 SLOW_SHARE = 1.3  # of the declared period, median time between samples of a sensor with another rate
-REST_TIME, BEND_TIME, RETURN_TIME = 2.0, 6.0, 6.0  # s
+REST_TIME, BEND_TIME, RETURN_TIME = 2.0, 6.0, 8.0  # s
 POSE_TIME = 0.5  # s at the beginning and the end of a motion, in which the segment is held
 BENT = 0.35  # rad, smallest turn of a segment that was bent
 AXES_TOLERANCE = 0.25  # rad, between the specific force and where the angular rate has carried it
 SCALES = (0.5, 2.0, 0.25, 4.0, 0.125, 8.0)  # between full scales of one sensor
+RINGING, RINGING_SHARE = 0.4, 0.5  # rad/s, and share of the slow part: oscillation of a sensor on its segment
+RINGING_TIME, SMOOTH_TIME = 0.5, 0.1  # s over which it is measured, and within which a hand does not turn to and fro
 LOOSE = 0.07  # rad, between the specific force before and after a segment was bent and returned
 SENSOR_TIMEOUT = 1.0  # s without a sample that ends a reading
 
@@ -137,7 +139,10 @@ def bend(bench: Bench, block: Any, given: Given) -> Result:
         "45° within 3 s, and hold it"
     )
     out = read(bench, BEND_TIME)
-    ask("Press Enter. Once it is running, stand upright again within 4 s, and stand still")
+    ask(
+        "Press Enter. Once it is running, shake the segment to and fro three times, stand upright again within 6 s, "
+        "and stand still"
+    )
     return bend_of(block.path, out, read(bench, RETURN_TIME))
 
 
@@ -177,6 +182,13 @@ def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Resul
             f"the angular rate and the specific force differ by {math.degrees(error):.0f}° after the turn: exchanged "
             "or negated axes, or a loose sensor",
         )
+    elif (ringing := max(ringing_of(out[path]), ringing_of(back[path]))) > RINGING:
+        result.measured["ringing"] = ringing
+        result.find(
+            "loose sensor",
+            f"the sensor oscillates with {ringing:.1f} rad/s faster than a segment is moved by hand: check its strap "
+            "and its housing",
+        )
     elif shift > LOOSE:
         result.find(
             "loose sensor",
@@ -190,6 +202,15 @@ def pose(motion: Motion, end: int) -> np.ndarray:
     """Return the mean specific force, (3,), at the beginning (0) or the end (-1) of a Motion."""
     held = motion.time <= motion.time[0] + POSE_TIME if end == 0 else motion.time >= motion.time[-1] - POSE_TIME
     return motion.accel[held].mean(axis=0)
+
+
+def ringing_of(motion: Motion) -> float:
+    """Return the angular rate in rad/s (RMS) of an oscillation of the sensor on its segment, 0.0 without one."""
+    step = motion.time[1] - motion.time[0]
+    smooth, window = (np.ones(n) / n for n in (round(SMOOTH_TIME / step), round(RINGING_TIME / step)))
+    slow = np.array([np.convolve(axis, smooth, "same") for axis in motion.gyro.T]).T
+    fast, slow = (np.sqrt(np.convolve((rate**2).sum(axis=1), window, "valid")) for rate in (motion.gyro - slow, slow))
+    return float(np.where(fast > RINGING_SHARE * slow, fast, 0.0).max())
 
 
 def between(first: np.ndarray, second: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.sensors.insole import Insole
 from graph import Actuator
 from runtime.setup.commissioning.guided import buttons, by_hand, driven, dynamics, home, insoles, law, passive, sensors
-from runtime.setup.commissioning.guided.bench import BUTTONS
+from runtime.setup.commissioning.guided.bench import BUTTONS, Lost
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,6 +20,7 @@ NO_MOTOR = "you move; no motor is enabled"
 BY_HAND = "you move the joint; its motor is off"
 LEVER = "the motor turns the lever, by 30° at most; keep clear, with the power switch in your hand"
 SWINGS = "the motor swings the joint, then turns it back and forth; keep clear, with the power switch in your hand"
+ERROR_FRAMES = 3  # during a step, above which a bus has a fault; a plug that is moved causes one or two
 HOMING = "the motor turns the joint to its stop and back; keep clear, with the power switch in your hand"
 
 
@@ -40,6 +41,22 @@ class Step:
     driven: bool = False
     vital: bool = False
     on_request: bool = False
+
+    def of(self, bench: Bench, block: Any, given: Given) -> Result:
+        """Carry out the step. A drive that no longer responds, and error frames meanwhile, are findings."""
+        before = bench.errors(block.bus)
+        try:
+            result = self.carry_out(bench, block, given)
+        except Lost as lost:
+            result = passive.after_silence(bench, block, str(lost))
+        errors = bench.errors(block.bus) - before
+        if errors > ERROR_FRAMES and not result.findings:
+            result.find(
+                "bus errors",
+                f"{errors} error frames on {block.bus} during this step: check termination, shield and a common "
+                "ground, also while motors draw current",
+            )
+        return result
 
 
 STEPS = (

@@ -99,6 +99,20 @@ def test_each_fault_of_a_sensor_is_named_when_its_segment_is_bent(out, back, fin
     assert [name for name, _ in sensors.bend_of("left", out, back).findings] == [finding]
 
 
+def shaken(t, rings=0.0):
+    """To and fro three times in 1.5 s, on the way back. rings : rad, of a sensor that oscillates with 8 Hz after it"""
+    part = min(max((t - 1.0) / 1.5, 0.0), 1.0)
+    decay = rings * np.exp(-3.0 * max(0.0, t - 1.0)) * (t > 1.0)
+    return returned(t) + 0.3 * np.sin(np.pi * part) * np.sin(6.0 * np.pi * part) + decay * np.sin(50.0 * t)
+
+
+@pytest.mark.parametrize("rings, finding", [(0.0, []), (0.05, ["loose sensor"])])
+def test_a_sensor_that_oscillates_while_its_segment_is_shaken_is_loose(rings, finding):
+    back = {"left": motion(lambda t: shaken(t, rings), seconds=8.0, noise=0.05)}
+    result = sensors.bend_of("left", {"left": motion(bent)}, back)
+    assert [name for name, _ in result.findings] == finding, result
+
+
 def test_where_no_sensor_has_turned_nothing_is_claimed():
     result = sensors.bend_of("left", {"left": motion()}, {"left": motion()})
     assert not result.done and not result.findings

@@ -1,0 +1,99 @@
+"""Steps without torque on nodes that change or are shared while they are commissioned."""
+
+import time
+
+import can
+import pytest
+
+from blocks.actuators import CubeMars, CubeMarsServo
+from graph import Diagram
+from runtime.robot.rig.file import parse
+from runtime.setup.commissioning.guided.bench import Bench, Given
+from runtime.setup.commissioning.guided.steps import STEPS
+from tests.runtime.setup.commissioning.nodes import Mit, Node, Nodes, Servo
+
+pytestmark = pytest.mark.paced
+
+RIG = '[bus.legs]\ninterface = "udp_multicast"\nchannel = "{}"\n'
+STEP = {step.name: step for step in STEPS}
+
+
+class TwoIds(Mit):
+    """Two drives that obey one id, and of which one replies with another."""
+
+    def hear(self, identifier, extended, data):
+        own = super().hear(identifier, extended, data)
+        return own + [(reply, extended, bytes([9]) + data[1:]) for reply, extended, data in own]
+
+
+class Switched(Node):
+    """A drive that leaves MIT mode for servo mode after some queries, or the reverse."""
+
+    def __init__(self, first, then, after):
+        super().__init__()
+        self.each, self.then, self.since = first, then, time.monotonic() + after
+
+    @property
+    def period(self):
+        return self.now.period
+
+    @property
+    def now(self):
+        return self.each if time.monotonic() < self.since else self.then
+
+    def speak(self):
+        return self.now.speak() if self.now.period else []
+
+    def hear(self, *frame):
+        return self.now.hear(*frame)
+
+
+class Bursts(Node):
+    """Twenty error frames, once."""
+
+    def start(self, channel):
+        super().start(channel)
+        for _ in range(20):
+            self.bus.send(can.Message(is_error_frame=True, arbitration_id=0x80, data=bytes(8)))
+
+
+def bench_of(channel, kind=CubeMars):
+    with Diagram("bench", rate=200) as diagram:
+        block = kind("AK80-9", bus="legs", can_id=3, range=(-6.0, 6.0), name="knee")
+        block(**{next(each for each in block.inputs if each in ("torque_command", "current_command")): 0.0})
+    return Bench("robot.py", parse("lab.toml", RIG.format(channel)), diagram), diagram["knee"]
+
+
+@pytest.mark.hazard("H4i")
+def test_a_second_id_in_the_replies_to_one_query_is_named():
+    for node, found in ((TwoIds(3), ["two drives with one id"]), (Mit(3), [])):
+        with Nodes(122, node) as nodes:
+            bench, block = bench_of(nodes.channel)
+            with bench:
+                result = STEP["identity"].of(bench, block, Given(0.0))
+                assert [name for name, _ in result.findings] == found, result
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("kind, drives", [(CubeMars, (Mit(3), Servo(3))), (CubeMarsServo, (Servo(3, error=0), Mit(3)))])
+@pytest.mark.parametrize("step", ["bus", "state"])
+def test_a_drive_whose_protocol_is_switched_after_identity_is_named(kind, drives, step):
+    with Nodes(123, Switched(*drives, after=0.0)) as nodes:
+        nodes.nodes[0].since = time.monotonic() + 60.0
+        bench, block = bench_of(nodes.channel, kind)
+        with bench:
+            assert not STEP["identity"].of(bench, block, Given(0.0)).findings
+            nodes.nodes[0].since = 0.0
+            result = STEP[step].of(bench, block, Given(0.0))
+            assert [name for name, _ in result.findings] == ["protocol"], result
+
+
+@pytest.mark.hazard("H4i")
+def test_a_burst_of_error_frames_in_any_step_is_named():
+    with Nodes(124, Mit(3)) as nodes:
+        bench, block = bench_of(nodes.channel)
+        with bench:
+            assert not STEP["state"].of(bench, block, Given(0.0)).findings
+            with Nodes(124, Bursts()):
+                result = STEP["state"].of(bench, block, Given(0.0))
+            assert [name for name, _ in result.findings] == ["bus errors"], result
