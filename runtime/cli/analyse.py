@@ -36,6 +36,9 @@ def main(arguments: Sequence[str]) -> int:
         "--distance", type=float, default=0.6, metavar="D", help="least |1 + L| of a tuned loop (default: 0.6)"
     )
     parser.add_argument(
+        "--damping", type=float, default=0.4, metavar="Z", help="least damping ratio of a tuned loop (default: 0.4)"
+    )
+    parser.add_argument(
         "-o", "--output", type=Path, metavar="NAME", help="picture file (default: the diagram's name with _loop.png)"
     )
     options = parser.parse_args(arguments)
@@ -44,7 +47,7 @@ def main(arguments: Sequence[str]) -> int:
         from runtime.session.loop_tuning import tune
 
         names = [name.strip() for name in options.tune.split(",")]
-        given = options.distance, options.at, options.settings, options.amplitude
+        given = options.distance, options.at, options.settings, options.amplitude, options.damping
         loop, gains = tune(options.file, options.loop, names, *given)
         print_lines(["tuned: " + " ".join(f"--set {name}={value:g}" for name, value in gains.items())])
     else:

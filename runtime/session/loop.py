@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FREQUENCIES = 4000  # from a 1e5th of the Nyquist frequency to that frequency
 LONGEST = 5000  # ticks of the step response
+QUICK = 0.5  # |z| of a pole that decays within a few ticks, whose damping is not counted
 ANGLES = np.linspace(-np.pi, np.pi, 2001)  # of the unit circle, with z = 1
 
 
@@ -93,11 +94,23 @@ class Loop:
         return float(np.abs(self.closed.poles()).max(initial=0.0)) if self.system is not None else 0.0
 
     @cached_property
+    def damping(self) -> float:
+        """Damping ratio ζ of the closed loop: at most 1/√2, of a second-order system with the same maximum of |T|.
+
+        T = L / (1 + L), with the maximum 1 / (2 ζ √(1 - ζ²)). If it was linearised, also at most that of each pole.
+        """
+        peak = max(1.0, float(np.abs(self.response / (1.0 + self.response)).max()))
+        poles = self.closed.poles() if self.system is not None else np.zeros(0)
+        poles = np.log(poles[np.abs(poles) > QUICK].astype(complex))
+        ratios = -np.real(poles) / np.maximum(np.abs(poles), 1e-12)
+        return float(ratios.min(initial=math.sqrt((1.0 - math.sqrt(1.0 - peak**-2)) / 2.0)))
+
+    @cached_property
     def margins(self) -> dict[str, float]:
         """Margins by name; infinite where the response has no such crossing, NaN for its frequency.
 
         gain (1), gain_frequency (Hz), phase (rad), phase_frequency (Hz), delay (s), distance (1): the least |1 + L|,
-        distance_frequency (Hz), pole (1): the largest |z| of the closed loop, 0 if it was measured
+        distance_frequency (Hz), damping (1), pole (1): the largest |z| of the closed loop, 0 if it was measured
         """
         control = need("control", "analysis")
         data = control.frd(self.response, 2.0 * np.pi * self.frequencies)
@@ -112,6 +125,7 @@ class Loop:
             "delay": math.radians(phase % 360.0) / float(at_phase) if math.isfinite(at_phase) else math.inf,
             "distance": float(distance),
             "distance_frequency": float(at_distance) / (2.0 * math.pi),
+            "damping": self.damping,
             "pole": self.pole,
         }
 
@@ -134,6 +148,8 @@ class Loop:
         for title, where, text in rows if self.linear else ():
             found = math.isfinite(margins[where])
             lines.append(f"  {title:<16}{text if found else 'none':<10}" + f"at {margins[where]:.3g} Hz" * found)
+        if self.linear:
+            lines.append(f"  {'damping ratio':<16}{margins['damping']:.2f}")
         if self.system is None:
             largest = int(np.abs(self.response).argmax())
             rows = ("largest |L|", self.response, largest), ("error of 1 + L", self.error, int(self.error.argmax()))

@@ -1,4 +1,4 @@
-"""Gains of a loop that are tuned offline against its distance from -1."""
+"""Gains of a loop that are tuned offline against its distance from -1 and its damping."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def tune(
     at: float = 0.0,
     settings: Settings = (),
     amplitude: float | None = None,
+    damping: float = 0.4,
 ) -> tuple[Loop, dict[str, float]]:
-    """Return the loop with the least mean of log |1 / (1 + L)| and at least a distance |1 + L|, and its gains.
+    """Return the loop with the least mean of log |1 / (1 + L)| within a distance |1 + L| and a damping, and its gains.
 
     The mean is over the logarithm of the frequency, in the four decades below half of the rate. The Nelder-Mead method
     varies the logarithms of the gains, from their values in the diagram: it finds a minimum near those.
@@ -39,13 +40,16 @@ def tune(
     name : input at which the loop is opened
     gains : parameters of blocks, "pid.kp", that are not 0
     distance : least |1 + L|, above 0 and below 1
+    damping : least damping ratio of the closed loop, at least 0 and at most 0.7
 
-    Raises BadInput, also if no loop near the present gains has this distance.
+    Raises BadInput, also if no loop near the present gains has this distance and damping.
     """
     from scipy.optimize import minimize
 
     if not 0.0 < distance < 1.0:
         raise BadInput(f"the distance from -1 must be above 0 and below 1, got {distance:g}")
+    if not 0.0 <= damping <= 0.7:
+        raise BadInput(f"the damping ratio must be between 0 and 0.7, got {damping:g}")
     _, diagram = load(file, settings)
     start = []
     for gain in gains:
@@ -73,7 +77,7 @@ def tune(
         counted = loop.frequencies > loop.rate / 2.0 / 10.0**DECADES
         sensitivity, x = np.log(sensitivity[counted]), np.log(loop.frequencies[counted])
         mean = np.sum((sensitivity[1:] + sensitivity[:-1]) / 2.0 * np.diff(x)) / (x[-1] - x[0])
-        return float(mean) + 100.0 * max(0.0, distance - float(nearest))
+        return float(mean) + 100.0 * (max(0.0, distance - float(nearest)) + max(0.0, damping - loop.damping))
 
     loop_of(np.zeros(len(start)))  # with its errors
     simplex = np.vstack([np.zeros(len(start)), 0.5 * np.eye(len(start))])
@@ -81,9 +85,10 @@ def tune(
     found = minimize(cost, np.zeros(len(start)), method="Nelder-Mead", options=options)
     best = loop_of(found.x)
     reached = float(np.abs(1.0 + best.response).min())
-    if best.pole >= 1.0 or not best.linear or reached < 0.98 * distance:
+    if best.pole >= 1.0 or not best.linear or reached < 0.98 * distance or best.damping < 0.98 * damping:
         raise BadInput(
-            f"no gains near the present ones have |1 + L| of at least {distance:g} at {name} (reached: {reached:.3g}): "
-            "start from lower gains, or lower the distance"
+            f"no gains near the present ones have |1 + L| of at least {distance:g} and a damping ratio of at least "
+            f"{damping:g} at {name} (reached: {reached:.3g} and {best.damping:.2g}): start from lower gains, or lower "
+            "--distance or --damping"
         )
     return best, {gain: float(f"{value:.4g}") for gain, value in zip(gains, np.array(start) * np.exp(found.x))}

@@ -1,6 +1,7 @@
 """Linearisation of diagrams, and margins of a loop: against python-control and closed forms."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from blocks.mathematics import Gain
 from blocks.sources import Constant
 from graph import Block, Diagram, Input, Output
 from runtime.host.errors import BadInput
+from tests.docs.pages import DOCS
 
 control = pytest.importorskip("control")
 loop = pytest.importorskip("runtime.session.loop")
@@ -195,6 +197,22 @@ def test_a_gain_is_tuned_to_the_distance_and_beyond_reach_it_is_an_error(tmp_pat
     for given, said in (("gain.gian", "name a parameter"), ("mass.start", "other than 0")):
         assert said in command_line.refused(*words[:5], given)
     assert "above 0 and below 1" in command_line.refused(*words, "--distance", "1.5")
+
+
+@pytest.mark.soak
+def test_the_tuned_pid_of_the_page_settles_after_a_step(tmp_path):
+    """Zeros of the PID beside the poles of the pendulum keep the least |1 + L|, and ring for 25 s."""
+    from runtime.session.loop_tuning import tune
+
+    page = (DOCS / "how_to" / "analysis.md").read_text()
+    (tmp_path / "swing.py").write_text(re.search("```python\n(.*?)```", page, re.DOTALL)[1])
+    found, gains = tune(tmp_path / "swing.py", "shank.torque", ["pid.kp", "pid.ki", "pid.kd"], 0.6, at=5.0)
+    assert "tuned: " + " ".join(f"--set {name}={value:g}" for name, value in gains.items()) in page
+    poles = np.log(np.array([pole for pole in found.closed.poles() if abs(pole) > 0.5], complex))
+    assert (-poles.real / np.abs(poles)).min() >= found.margins["damping"] >= 0.39
+    assert found.margins["distance"] >= 0.588
+    times, step = found.step_response()
+    assert step.max() < 1.285 and np.abs(step[times > 1.0] - 1.0).max() < 0.02
 
 
 def test_a_state_that_rests_where_its_memory_is_shifted_is_a_state():
