@@ -42,6 +42,11 @@ class CubeMars(DeclaredTimeout, StopInMitMode, Joint, Actuator):
     )
     masks = Memory(0.0, "1 if the error byte is a mask")
 
+    timeout_entry = (
+        "  disable the drive, and open its serial terminal in the vendor's tool (R-Link, 921600 baud). Type",
+        "      set_can_time_out 4000",
+        "  in cycles of its control loop, assumed to last 25 µs as in the original Katz firmware; 0 disables it",
+    )
     unread_settings = ("mode", "current limit", "time-out")
     hardware = (*Joint.hardware, "reply", "errors", "drive_timeout")
     find = staticmethod(models.find)

@@ -22,6 +22,10 @@ class DeclaredTimeout:
 
     own_timeout: float | None
     own_timeout_declared: bool = True
+    timeout_entry: tuple[str, ...] = (  # lines for the operator who sets 0.1 s
+        "  no CAN frame and no terminal command sets it in servo mode and with a V3.0 board",
+        "  in the vendor's tool, set timeout_msec to 100 in the parameters of the drive, and write them",
+    )
 
     def check_timeout(self, dt: float | None) -> None:
         """Raise ValueError if the drive would stop between two commands. dt : s"""

@@ -115,7 +115,7 @@ class Record:
         now = settings_of(block)
         found += [
             f"was measured without {name} = {toml(now[name])}"
-            for name in now.keys() - self.settings.keys() - {"range", "drive_timeout"}
+            for name in now.keys() - self.settings.keys() - {"range", "drive_timeout", "reference"}
             if now[name] != plain(block.parameters[name].default)
         ]
         age = ((today or datetime.date.today()) - datetime.date.fromisoformat(self.signed["date"])).days

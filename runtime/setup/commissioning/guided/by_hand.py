@@ -29,12 +29,16 @@ def pose(bench: Bench, block: Any, given: Given) -> Result:
     """Compare the joint in a known pose with the diagram: at its zero, or at another angle."""
     where = f"at {math.degrees(given.pose):g}°" if given.pose else "at its zero"
     bench.until_entered(f"Hold the joint {where}, as the diagram defines it")
-    samples = bench.at_rest(block)
-    at = sum(sample.position for sample in samples) / len(samples)
-    joint = sign_of(block) * at - block.offset
+    joint = sign_of(block) * mean_position(bench, block) - block.offset
     result = Result([f"the joint reads {joint:.3f} rad {where}"], {"zero": joint - given.pose})
     compare_zero(result, block, joint - given.pose, f"{joint:.3f} rad {where}")
     return result
+
+
+def mean_position(bench: Bench, block: Any) -> float:
+    """Return the position of a drive at rest in rad, before sign and offset."""
+    samples = bench.at_rest(block)
+    return sum(sample.position for sample in samples) / len(samples)
 
 
 def compare_zero(result: Result, block: Any, error: float, reading: str) -> None:

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 from blocks.limiters import Saturation
 from blocks.safety import EmergencyStop
 from graph import Actuator, Block, Device, Diagram, Input, Output, Param
-from runtime.host.console.terminal import print_to_stderr
+from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.robot.loading.file import compile_diagram
-from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, number
+from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, confirmed, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,6 +38,7 @@ SHOWN_SHARE = 0.25  # of the expected deflection, below which the drive gives no
 SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
 RATE = 200.0  # Hz
 REPLY_TIMEOUT = 0.3  # s without a reply that ends a run; its torque is small, and computers on benches are slow
+SET_TIMEOUT = 0.1  # s, that the operator sets in a drive that is not set over its bus
 SILENCE = 0.4  # s without frames, for a drive without a declared time-out
 LATE, LATER = 0.1, 0.5  # s beyond a declared time-out: a drive that acts by then is on time; that acts at all
 FALL = 0.5  # periods of the lever / 2π, in which it shows that it has fallen
@@ -177,37 +178,65 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
     lever = lever_of(block, given)
     if lever is None:
         return Result([NO_LEVER], done=False)
-    own, fall = block.own_timeout, FALL / math.sqrt(GRAVITY / lever.length)
-    result, silences = Result(), (SILENCE,) if own is None else (own + LATE + fall, 4.0 * own + LATER)
-    for seconds in silences:
-        probe, run = drive(bench, block, lever, seconds)
-        stopped = has_stopped(probe, run, lever)
-        if stopped is None:
-            return failed(result, block, run)
-        result.measured |= {"silence": seconds, "stopped": float(stopped)}
-        result.says.append(
-            f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
-        )
-        if stopped:
-            break
+    own, result = block.own_timeout, Result()
+    measured = silence_of(bench, block, lever, own, result)
+    if isinstance(measured, Result):
+        return measured
+    stopped, seconds, late = measured
+    entry = getattr(block, "timeout_entry", ())
+    if own is None and not stopped and entry:
+        result.says.append("it has no time-out, or a longer one")
+        print_lines([f"  {line}" for line in (f"{result.says[-1]}. To set {SET_TIMEOUT:g} s:", *entry)])
+        if confirmed("Measure it again, with the time-out that you have set"):
+            measured = silence_of(bench, block, lever, SET_TIMEOUT, result)
+            if isinstance(measured, Result):
+                return measured
+            stopped, seconds, late = measured
+            if not stopped:
+                result.says.append("the setting had no effect")
     if own is None and stopped and "drive_timeout" in block.parameters:
-        result.says.append(f"its time-out is {SILENCE:g} s or less")
-        result.cures["drive_timeout"] = SILENCE
+        result.cures["drive_timeout"] = seconds if late or seconds == SILENCE else SET_TIMEOUT
+        result.says.append(f"its time-out is {result.cures['drive_timeout']:g} s or less")
     elif own is None and not stopped:
-        result.says.append("it has no time-out, or a longer one: if computer and cable fail, it does not stop")
+        result.says.append("if computer and cable fail, it does not stop within this time")
     elif own is not None and not stopped:
         result.find(
             "no time-out",
             f"the drive held its torque for {seconds:.2f} s without frames, and its time-out is set to {own:g} s: rely "
             "on the guardian alone, or update the firmware",
         )
-    elif seconds != silences[0]:
+    elif late:
         result.find(
             "late time-out",
-            f"the drive stopped by itself between {silences[0]:.2f} s and {seconds:.2f} s without frames, and its "
-            f"time-out is set to {own:g} s: rely on the guardian alone, or update the firmware",
+            f"the drive stopped by itself only within {seconds:.2f} s without frames, and its time-out is set to "
+            f"{own:g} s: rely on the guardian alone, or update the firmware",
         )
     return result
+
+
+def silence_of(
+    bench: Bench, block: Any, lever: Lever, own: float | None, result: Result
+) -> tuple[bool, float, bool] | Result:
+    """Measure silences, and note them in a Result. Returns (whether the drive stopped by itself, s, whether late).
+
+    own : time-out in s, None if unknown. A run that ended before is returned as a Result
+    """
+    fall = FALL / math.sqrt(GRAVITY / lever.length)
+    silences = (SILENCE,) if own is None else (own + LATE + fall, 4.0 * own + LATER)
+    stopped, seconds = False, 0.0
+    for seconds in silences:
+        probe, run = drive(bench, block, lever, seconds)
+        ended = has_stopped(probe, run, lever)
+        if ended is None:
+            return failed(result, block, run)
+        stopped = ended
+        result.measured |= {"silence": seconds, "stopped": float(stopped)}
+        result.says.append(
+            f"without frames for {seconds:.2f} s, the drive {'has stopped by itself' if stopped else 'held its torque'}"
+        )
+        if stopped:
+            break
+    return stopped, seconds, seconds != silences[0]
 
 
 def has_stopped(probe: LeverProbe, run: RunResult, lever: Lever) -> bool | None:

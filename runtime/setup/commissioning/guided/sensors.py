@@ -41,6 +41,7 @@ class Motion:
     accel: np.ndarray
     gyro: np.ndarray
     age: np.ndarray
+    rate: float = math.nan  # Hz, of a sensor that counts its samples
 
 
 class Samples(Block):
@@ -49,17 +50,18 @@ class Samples(Block):
     accel = Input("m/s²", "specific force", shape=(3,))
     gyro = Input("rad/s", "angular rate", shape=(3,))
     age = Input("s", "time since the newest sample arrived")
+    rate = Input("Hz", "number of samples in the previous second", default=math.nan)
 
     def reset(self):
         self.rows = []
 
-    def step(self, accel, gyro, age, t):
-        self.rows.append((t, *accel, *gyro, age))
+    def step(self, accel, gyro, age, rate, t):
+        self.rows.append((t, *accel, *gyro, age, rate))
 
     def motion(self) -> Motion:
         """Return the samples as a Motion."""
-        rows = np.array(self.rows).reshape(-1, 8)
-        return Motion(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7])
+        rows = np.array(self.rows).reshape(-1, 9)
+        return Motion(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7], float(rows[-1, 8]) if len(rows) else math.nan)
 
 
 def read(bench: Bench, seconds: float) -> dict[str, Motion]:
@@ -81,6 +83,8 @@ def read_those(bench: Bench, sensors: list[Any], seconds: float) -> tuple[dict[s
             sensor = copied(block, timeout=SENSOR_TIMEOUT)
             kept[block.path] = Samples(name=f"samples_of_{block.path.replace('/', '_')}")
             kept[block.path](accel=sensor.accel, gyro=sensor.gyro, age=sensor.age)
+            if "measured_rate" in sensor.outputs:
+                kept[block.path](rate=sensor.measured_rate)
     outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
     if outcome.faulted:
         return {}, {*outcome.unanswered} or {outcome.culprit or sensors[0].path}
@@ -110,7 +114,7 @@ def rest_of(block: Any, motion: Motion) -> Result:
     result = Result()
     arrivals = motion.time[1:][np.diff(motion.age) < 0.0]
     expected = block.rate * (motion.time[-1] - motion.time[0])
-    share = len(arrivals) / expected
+    share = len(arrivals) / expected if math.isnan(motion.rate) else motion.rate / block.rate
     strength = float(np.linalg.norm(motion.accel.mean(axis=0)))
     shake, spin = float(motion.accel.std(axis=0).max()), float(motion.gyro.std(axis=0).max())
     bias = float(np.abs(motion.gyro.mean(axis=0)).max())

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.sensors.insole import Insole
 from graph import Actuator
-from runtime.setup.commissioning.guided import buttons, by_hand, driven, dynamics, home, insoles, law, passive, sensors
+from runtime.setup.commissioning.guided import (
+    buttons,
+    by_hand,
+    driven,
+    dynamics,
+    encoder,
+    home,
+    insoles,
+    law,
+    passive,
+    sensors,
+)
 from runtime.setup.commissioning.guided.bench import BUTTONS, Lost
 
 if TYPE_CHECKING:
@@ -64,7 +75,7 @@ STEPS = (
     Step("bus", "errors of the bus, replies and their time", NOTHING, passive.bus),
     Step("state", "errors and noise at rest", NOTHING, passive.state),
     Step("zero", "silence after its zero is set", NOTHING, passive.zero),
-    Step("pose", "zero of the joint", BY_HAND, by_hand.pose),
+    Step("pose", "zero of the joint", BY_HAND, encoder.pose),
     Step("turn", "direction, encoded ranges and wraps", BY_HAND, by_hand.turn),
     Step("motion", "range of the joint", BY_HAND, by_hand.motion),
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),

@@ -21,6 +21,7 @@ ROBOT = '''
 import json, math, os
 from blocks.actuators import *
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from blocks.sensors import AS5600
 from graph import Block, Diagram, Input, Output, Param, subsystem
 
 DRIVES = {drives!r}
@@ -34,12 +35,16 @@ class Arm(Block):
     torque = Input("N·m")
     position = Output("rad")
     velocity = Output("rad/s")
+    encoder = Output("rad", "angle of its encoder, whose magnet slips when the joint is turned")
+    slip = Param(0.0, "rad")
 
     def reset(self):
+        self.slipped = 0.0
         self.at, self.speed, self.hand, self.most, self.shown = 0.0, 0.0, {{"hold": 0.0}}, 0.0, 0.0
 
     def step(self, tick):
-        return self.at + self.noise * math.sin(1.7 * tick), self.speed
+        self.slipped = self.slip if self.at > 0.4 else self.slipped
+        return self.at + self.noise * math.sin(1.7 * tick), self.speed, self.at + self.slipped
 
     def held(self, friction):
         return 500.0 * min(0.0, self.at - self.hand["stop"]) + friction * math.tanh(50.0 * self.speed)
@@ -69,7 +74,9 @@ class Arm(Block):
 
 def build():
     with Diagram("bench", rate=200) as diagram:
-        for name, (kind, model, can_id, _, settings) in DRIVES.items():
+        for name, (kind, model, can_id, faults, settings) in DRIVES.items():
+            if "encoder" in faults:
+                AS5600("chips", name=name + "_encoder")
             block = globals()[kind](model, bus="legs", can_id=can_id, name=name, range=(-6.0, 6.0), **settings)
             block(**{{next(each for each in block.inputs if each in ("torque_command", "current_command")): 0.0}})
     return diagram
@@ -81,7 +88,7 @@ def plant(robot):
             faults = dict(faults)
             noise, kind, inputs = faults.pop("noise", 0.0), faults.pop("kind", None), faults.pop("inputs", {{}})
             moved, velocity = faults.pop("moved_by", name), faults.pop("velocity", 1.0)
-            drive = robot[name]
+            drive, encoder = robot[name], faults.pop("encoder", None)
             with subsystem(name):
                 for other in ("twin", "ground", "end"):
                     faults.pop(other, None)
@@ -92,10 +99,15 @@ def plant(robot):
                     emulated = globals()["Emulated" + kind](model, bus="legs", can_id=drive.can_id, **faults)
                 else:
                     emulated = drive.emulator(**faults)
-            arm = Arm(noise=noise, name=moved)(emulated.torque)
+            arm = Arm(noise=noise, slip=encoder or 0.0, name=moved)(emulated.torque)
+            if encoder is not None:
+                robot[name + "_encoder"].emulator()(position=arm.encoder)
             emulated(position=arm.position, velocity=velocity * arm.velocity, **inputs)
     return plant
 '''
+
+
+CHIPS = '[bus.chips]\ninterface = "i2c"\nchannel = "unix:{}/chips"\n'
 
 
 class ErrorFrames(Node):
@@ -109,12 +121,22 @@ class ErrorFrames(Node):
 
 
 class Benched:
-    """Emulated drives and the rig file. drives : {name: (block, model, id, faults, settings)}"""
+    """Emulated drives and the rig file. drives : {name: (block, model, id, faults, settings)}
+
+    set_timeout : s, that the operator sets in the drives when `commission` asks for it; 0: the operator does not
+    """
+
+    set_timeout = 0.0
 
     def __init__(self, folder, number, drives):
         self.folder, self.drives, self.channel = folder, drives, channel(number)
         self.robot = write(folder, ROBOT.format(drives=drives, folder=str(folder)))
-        self.rig = write(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n', "lab.toml")
+        self.rig = write(
+            folder,
+            f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n'
+            + CHIPS.format(folder) * any("encoder" in drive[3] for drive in drives.values()),
+            "lab.toml",
+        )
         self.hand = {name: {"hold": 0.0} for name in drives}
         self.move({})
         twins: list = [TWINS[kind](can_id) for kind, _, can_id, faults, _ in drives.values() if "twin" in faults]
@@ -123,12 +145,25 @@ class Benched:
 
     def __enter__(self):
         self.twins.__enter__()
+        self.emulate()
+        return self
+
+    def emulate(self):
+        """Start the emulated drives."""
         self.plant = started("emulate", self.robot, "--rig", self.rig, cwd=self.folder)
         lines = []
         while not lines or "Ctrl-C ends it" not in lines[-1]:
             lines.append(self.plant.stdout.readline())
             assert lines[-1], lines + self.plant.stderr.readlines()
-        return self
+
+    def restart(self):
+        """Restart the emulated drives with `set_timeout`, as an operator sets it with the vendor's tool."""
+        self.plant.kill()
+        self.plant.communicate()
+        for *_, faults, _ in self.drives.values():
+            faults["command_timeout"] = self.set_timeout
+        write(self.folder, ROBOT.format(drives=self.drives, folder=str(self.folder)))
+        self.emulate()
 
     def __exit__(self, *exception):
         self.twins.__exit__()
@@ -210,8 +245,11 @@ class Operator:
             self.path = found[1]
         if "Serial number" in line:
             self.press()
-        elif "at its zero" in line and "then press Enter" in line or "the first mark" in line:
+        elif "at its zero, as" in line or "the first mark" in line or "still anywhere" in line:
             self.press(wait=0.2)
+        elif "or more, and hold it" in line or "back to where it was" in line:
+            self.bench.move({self.path: {"hold": 0.6 * ("or more" in line)}})
+            self.press(wait=2.0)
         elif "positive direction" in line:
             self.bench.move({self.path: {"hold": 1.5708}})
             self.press(wait=2.2)
@@ -225,6 +263,10 @@ class Operator:
         elif "Distance from the axis" in line:
             self.press(str(LENGTH), wait=1.0)
         elif "yes or no" in line:
-            self.press("no" if "write this" in line else "yes")
+            if "that you have set" in line and self.bench.set_timeout:
+                self.bench.restart()
+            self.press(
+                "no" if "write this" in line or "that you have set" in line and not self.bench.set_timeout else "yes"
+            )
         elif "to arm" in line:
             self.press(wait=0.3)

@@ -85,6 +85,29 @@ def test_a_joint_is_homed_against_its_stop_and_its_offset_is_offered(tmp_path):
         assert 0.0 < bench.torque("knee") <= 0.4
 
 
+@pytest.mark.soak
+def test_a_time_out_that_the_operator_sets_in_a_cubemars_is_measured_again(tmp_path):
+    with Benched(tmp_path, 125, {"knee": ("CubeMars", "AK80-9", 3, {}, {})}) as bench:
+        ready(bench, "knee")
+        bench.set_timeout = 0.1
+        code, shown = bench.commission("--only", "silence")
+        step = bench.records()["knee"].steps["silence"]
+        assert code == 0 and "set_can_time_out 4000" in shown and "drive_timeout = 0.1" in shown, shown
+        assert step.verdict == AGREES and step.measured["stopped"] == 1.0 and step.measured["silence"] < 0.4
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("slip, offset, finding", [(0.0, 0.0, None), (0.1, 0.0, "slip"), (0.0, 0.4, "zero")])
+def test_a_joint_is_compared_with_its_encoder(tmp_path, slip, offset, finding):
+    drives = {"knee": ("CubeMars", "AK80-9", 3, {"encoder": slip, "offset": offset}, {})}
+    with Benched(tmp_path, 126, drives) as bench:
+        code, shown = bench.commission("--only", "identity", "pose")
+        step = bench.records()["knee"].steps["pose"]
+        assert [name for name, _ in step.findings] == ([finding] if finding else []) and code == bool(finding), shown
+        assert (f"offset = {offset}" in shown) == (finding == "zero")
+        assert ('reference = "knee_encoder.position"' in shown) == (finding != "slip")
+
+
 @pytest.mark.hazard("H4i")
 def test_without_a_terminal_nothing_is_sent(tmp_path):
     drive = Mit(3)

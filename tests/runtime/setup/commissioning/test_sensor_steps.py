@@ -64,6 +64,12 @@ def test_a_sensor_at_rest_is_compared_with_its_block(more, finding):
     assert [name for name, _ in result.findings] == ([] if finding is None else [finding]), result
 
 
+def test_samples_that_arrive_in_bursts_are_no_drop_outs_where_the_sensor_counts_them():
+    burst = motion(seconds=2.0, period=0.04)
+    counted = Motion(burst.time, burst.accel, burst.gyro, burst.age, rate=100.0)
+    assert sensors.rest_of(block(), burst).findings and not sensors.rest_of(block(), counted).findings
+
+
 def test_other_scales_and_a_bias_are_named():
     still = motion(seconds=2.0)
     half = Motion(still.time, still.accel / 2.0, still.gyro, still.age)
