@@ -69,7 +69,8 @@ def for_input(block: Any, name: str | None) -> str:
         return f"{name} is a parameter: pass it to the class, as in {type(block).__name__}({name}=...)"
     if f"{name}_command" in block.inputs:
         return f"did you mean '{name}_command'?"
-    return suggestion(name, block.inputs) or f"its inputs are {', '.join(block.inputs) or 'none'}"
+    kind = f"{name} is an output; " if name in block.outputs else ""
+    return suggestion(name, block.inputs) or f"{kind}its inputs are {', '.join(block.inputs) or 'none'}"
 
 
 def for_assignment(block: Any) -> str:

@@ -26,7 +26,10 @@ from typing import Any, TypeGuard
 from graph.block import Block, Sink
 from graph.declarations import Declaration, Input, Memory, Output, Param
 
-HEADER = "# Generated from the declarations by `python -m runtime stubs`. Do not edit.\n"
+HEADER = """# Generated from the declarations by `python -m runtime stubs`. Do not edit.
+# mypy: disable-error-code="override"
+# pyright: reportIncompatibleMethodOverride=false, reportIncompatibleVariableOverride=false
+"""
 TYPING = "from typing import Any, Literal, NamedTuple"
 NUMPY = "import numpy as np"
 UNPACK = "from typing_extensions import Unpack"

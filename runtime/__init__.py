@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Any, overload
 
+    from typing_extensions import Unpack
+
     from graph import Diagram
     from runtime.experiments.optimisation.result import OptimisationResult
     from runtime.experiments.studies.result import StudyResult
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from runtime.session.check.text import Report
     from runtime.session.connected import ConnectedRobot
     from runtime.session.linearise import Trim
+    from runtime.session.request import RunOptions
     from runtime.session.simulate import SimulatedLoop, SimulatedRun
 else:
 
@@ -93,8 +96,7 @@ def run(
     fast: bool = True,
     rig: str | os.PathLike[str] | None = None,
     subject: str | os.PathLike[str] | None = None,
-    stop_for: float | None = None,
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> Trial:
     """Run a diagram, and return its runtime.record.analysis.trial.Trial.
 
@@ -127,10 +129,9 @@ def run(
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
     subject : path of a subject file, whose limits no setting and no change exceeds
-    stop_for : time in s for which a safe stop on a rig continues, at a falling rate, for drives that do not
-        confirm it; None: 10 s
     options : further options of the command in real time, by their names: yes=True, record="trials",
-        trial={"subject": "S03"}, overrun="fault:5"
+        trial={"subject": "S03"}, overrun="fault:5". stop_for=S is the time in s for which a safe stop on a rig
+        continues, at a falling rate, for drives that do not confirm it, by default 10 s
 
     A run that ends in a fault returns the Trial up to there, and `trial.fault` describes the fault. Raises BadInput or
     DiagramError for errors before the run.
@@ -143,8 +144,6 @@ def run(
     with _CheckedImports():
         from runtime.host.errors import BadInput
 
-    if stop_for is not None:
-        options["stop_for"] = stop_for
     if fast and rig is None:
         with _CheckedImports():
             from runtime.session.simulate import simulate
@@ -213,7 +212,7 @@ def connect(
     subject: str | os.PathLike[str] | None = None,
     fast: bool = True,
     loop_timeout: float = 0.1,
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> ConnectedRobot | SimulatedLoop:
     """Arm a robot for a loop of the caller, which runs between its ticks.
 

@@ -1,9 +1,11 @@
 """Options of a run: each field declares one option of the command line."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from graph.units import parse_quantity
 from runtime.host.errors import BadInput
@@ -55,6 +57,32 @@ def poses(texts: list[str]) -> dict[str, float]:
                 f"--pose {text}: {error}; write PATH=ANGLE, as in left/knee=0 or 'left/knee=30 deg'"
             ) from None
     return angles
+
+
+class RunOptions(TypedDict, total=False):
+    """The options of a run in real time that a program passes by name, with values as in the command line."""
+
+    record: str | PathLike[str] | None
+    compression: str
+    can_log: bool
+    trial: Mapping[str, Any]
+    plotjuggler: str | None
+    rerun: str | None
+    panel: str | None
+    panel_lost: str | None
+    realtime: str | None
+    priority: int | None
+    cpu: int | None
+    yes: bool
+    arm_on: str | None
+    stop_for: float | None
+    poses: Mapping[str, Any]
+    accept: Sequence[str]
+    rearm: bool
+    overrun: str
+    spin: Any
+    bitrate: float | None
+    profile: bool
 
 
 HARDWARE, SIMULATION, OUTPUT, TIMING = "hardware", "simulation", "recording and viewers", "timing"

@@ -303,6 +303,9 @@ def test_an_unknown_input_is_reported_with_a_suggestion():
             "has no input 'positon'",
             "did you mean 'position'?",
         )
+        assert refusal(impedance, torque=1.0).hint == "torque is an output; its inputs are position, velocity, " + (
+            "equilibrium, extra_stiffness, extra_damping"
+        )
         assert refusal(impedance, 1, 2, 3, 4, 5, 6).message == (
             "has 5 inputs (position, velocity, equilibrium, extra_stiffness, extra_damping), got 6 signals"
         )

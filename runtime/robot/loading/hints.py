@@ -116,18 +116,22 @@ def for_import(path: str | os.PathLike[str], error: ImportError) -> str:
 
 def for_attribute(error: AttributeError) -> str:
     """Return the remedy for an attribute that an object does not have: a similar name, or where to find it."""
-    of, name = error.obj, error.name or ""
+    of: Any = error.obj
+    name = error.name or ""
     if isinstance(of, Diagram):
         return DIAGRAM_METHODS.get(name) or suggestion(name, dir(of))
     if isinstance(of, Signal):
         return "a signal has arithmetic, an index and .to(unit); its values are in the recording of a run"
+    if type(of).__name__ == "Outputs":
+        return suggestion(name, of._fields) or f"its signals are {', '.join(of._fields)}"
     if not isinstance(of, Block):
         return ""
     if isinstance(of, Actuator) and re.match(r"(set|send|write|command|move|apply)", name):
         return f"call the block to command it, as in {of.path.split('/')[-1]}({usual_command(of)}=...)"
     if of.is_python and name in ("t", "time", "tick"):
         return f"take it as an argument, as in def step(self, {', '.join([*of.inputs, 't'])})"
-    if of.is_python:
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    if of.is_python and any(frame.f_locals.get("self") is of for frame in frames):  # in its own methods
         return suggestion(name, [*of.outputs, *of.inputs, *of.parameters]) or (
             f"set it in reset(self), as in self.{name} = 0.0"
         )

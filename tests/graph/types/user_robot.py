@@ -1,6 +1,6 @@
 """A robot whose author makes mistakes: type checkers report the lines that end in `# wrong`, and no other."""
 
-from user_blocks import Elastic
+from user_blocks import Damped, Elastic
 
 from blocks.actuators import CubeMars
 from blocks.controllers import PID, GaitPhase, Impedance
@@ -9,7 +9,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
 from blocks.states import StateMachine
 from graph import Block, Diagram, Input, Live, Output, Param, stack, subsystem
-from runtime import load, run
+from runtime import connect, load, run
 
 
 class Spring(Block):
@@ -55,6 +55,19 @@ with Diagram("robot", rate=200) as diagram:
     Elastic(stifness=3.0)  # wrong: misspelt parameter of an own block
     elastic(knee.positoin)  # wrong: misspelt output
     elastic(angel=knee.position).to("N·m")  # wrong: misspelt input of an own block
+    Elastic(stiffness=[3.0])  # wrong: a list for a number
+    Elastic(side="middle")  # wrong: none of the choices
+    Damped(rest=0.1)  # wrong: mass is required
+    Damped(mass=2.0, nme="knee")  # wrong: misspelt option
+    damped = Damped(mass=2.0, stiffness=40.0, every=2)
+    damped(knee.position, knee.velocity, 3.0)  # wrong: two inputs
+    damped(angle=knee)  # wrong: a block for a signal
+    damped.stifness  # wrong: misspelt parameter of a base class
+    torque, power, rest = damped(knee.position)  # wrong: two outputs
+    damped(knee.position).powr  # wrong: misspelt output of a result
+    knee(torque_command=damped(knee.position))  # wrong: two outputs for a signal
+    if knee.position > 1.0:  # wrong: a signal as a condition
+        print(damped.torque.to("N·m"), damped.power)
     spring = Spring(stiffness=3.0)
     spring(knee.position.to("deg"))
     machine = StateMachine(gives={"level": "1"}, states={"rest": {"level": 1.0}})
@@ -68,3 +81,5 @@ trial.tme  # wrong: no attribute of a trial
 load("a.mcap").tme  # wrong: no attribute of a trial
 print(load(["a.mcap", "b.mcap"]).labels)
 run(diagram, duration="1")  # wrong: a text for a number
+run("robot.py", fast=False, recrd="trials")  # wrong: misspelt option
+connect("robot.py", yes=True, stop_for=1.0, subjct="S03")  # wrong: misspelt option

@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from runtime.host.errors import BadInput
 from runtime.host.live.running import shared_state_of
 from runtime.record.storage.format import Frame
 from runtime.session import own_process
+from runtime.session.request import Request, RunOptions
 from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, server, write
 from tests.runtime.terminals import patient
@@ -54,6 +56,8 @@ def sent(trial, can_id=1):
 
 
 def test_options_are_those_of_the_command():
+    named = {"file", "settings", "rig", "duration", "subject", "rate", "seed", "fast", "no_record", "report"}
+    assert RunOptions.__annotations__.keys() | named == {f.name for f in fields(Request) if f.metadata}
     options = {"rig": Path("lab.toml"), "duration": 2.0, "yes": True, "rearm": False, "seed": None, "spin": "50us"}
     options |= {"trial": {"subject": "S03", "notes": "new shoes"}, "poses": {"left/knee": 0.5}}
     settings = [("gain", np.float64(0.5)), ("on", True), ("angle", "60 deg")]

@@ -81,7 +81,7 @@ def test_no_drawing_contains_an_absolute_path(command_line):
 def test_a_png_has_twice_the_pixels_of_the_drawing_and_its_text(command_line, monkeypatch):
     """Also where the system has no fonts."""
     monkeypatch.setattr(resvg_py, "svg_to_bytes", partial(resvg_py.svg_to_bytes, skip_system_fonts=True))
-    assert command_line("draw", KNEE_EXO, "-o", "a.png") == (OK, "a.png: 19 blocks, 1420 × 1105 px\n", "")
+    assert command_line("draw", KNEE_EXO, "-o", "a.png") == (OK, "a.png: 19 blocks, 1635 × 689 px\n", "")
     pixels = image.imread(command_line.folder / "a.png")
     text = command_line("draw", KNEE_EXO, "-o", "-")[1]
     width, height = (float(text.split(f'{side}="', 1)[1].split('"')[0]) for side in ("width", "height"))

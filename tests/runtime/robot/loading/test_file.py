@@ -221,6 +221,22 @@ def test_a_misspelt_port_has_the_users_line_and_a_suggestion(tmp_path, refused):
     assert refused("robot.py") == f"robot.py:{line}: {told}\n    diagram['sine'].amplitud"
 
 
+@pytest.mark.parametrize(
+    "written, told",
+    [
+        ("spring(0.5).powr", "'Outputs' object has no attribute 'powr'; did you mean 'power'?"),
+        ("spring(0.5).speed", "'Outputs' object has no attribute 'speed'; its signals are torque, power"),
+        ("spring.heat", "'Spring' object has no attribute 'heat'; its outputs are torque, power"),
+    ],
+)
+def test_a_name_that_an_own_block_does_not_have_is_reported_with_those_it_has(tmp_path, refused, written, told):
+    block = "class Spring(Block):\n    angle = Input('rad')\n    torque = Output('N·m')\n    power = Output('W')\n"
+    block += "    def step(self, angle):\n        return angle, angle\n"
+    head = "from graph import Block, Diagram, Input, Output\n" + block + "with Diagram('d', rate=100):\n"
+    path = write(tmp_path, f"{head}    spring = Spring()\n    {written}\n")
+    assert refused("robot.py") == f"robot.py:{line_of(path, written)}: AttributeError: {told}\n    {written}"
+
+
 def test_an_exception_in_plant_has_its_line(tmp_path, refused):
     path = write(
         tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    raise RuntimeError('not today')\n"
