@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
+from blocks._plumbing.ports import check_port_names
 from cext.kernels import states as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
@@ -62,9 +63,7 @@ class StateMachine(Block):
         own = {
             name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
         }
-        for name in [*self.inputs, *own]:
-            if not name.isidentifier() or name in ("state", "time_in_state") or (name in self.inputs and name in own):
-                raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
+        check_port_names([*self.inputs, *own], StateMachine.outputs)
         self.outputs = {**StateMachine.outputs, **own, **type(self).outputs}  # the kernel finds its own first
         self.names = list(self.states)
         self.check_states(own)

@@ -16,7 +16,7 @@ from cext.kernel import Kernel
 HEADER = "# Generated from the source by `python -m cext.stubs`. Do not edit.\n"
 UNTYPED = HEADER + "from typing import Any\n\ndef __getattr__(name: str) -> Any: ...\n"
 FOLDERS = ("bus", "clock", "kernels/networks", "lines", "memory", "recording", "ring", "safety", "schedule")
-ALONE = ("kernels/filter_bounds.pyx", "kernels/mujoco.pyx")  # modules of other folders
+ALONE = ("kernels/compiled.pyx", "kernels/filter_bounds.pyx", "kernels/mujoco.pyx")  # modules of other folders
 C_TYPES = {"bint": "bool", "double": "float", "float": "float", "object": "Any", "void": "None"}
 BARE = {"dict": "dict[Any, Any]", "list": "list[Any]", "tuple": "tuple[Any, ...]"}
 PLAIN = {each: each.__name__ for each in (bool, int, float, str, bytes, Kernel)} | {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import keyword
 import math
+from collections.abc import Container, Iterable
 
 from graph import Input, units
 
@@ -33,3 +35,12 @@ def finite_numbers(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     if not numbers or not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} must contain at least one number, all finite, got {values!r}")
     return numbers
+
+
+def check_port_names(names: Iterable[str], reserved: Container[str]) -> None:
+    """Raise ValueError for a name that occurs twice, is reserved, or is not an identifier."""
+    seen: set[str] = set()
+    for name in names:
+        if not name.isidentifier() or keyword.iskeyword(name) or name in reserved or name in seen:
+            raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
+        seen.add(name)

@@ -20,6 +20,7 @@ from cext.kernel import Item, Kernel
 
 KERNELS = Path(__file__).parents[1] / "kernels"
 UNFUSED = {  # reasons why the kernels of a module have no stencils
+    "compiled": "kernel calls another library",
     "continuous": "kernels of plants, not of robots",
     "mujoco": "kernel calls another library",
     "networks/inference": "kernel calls another library",

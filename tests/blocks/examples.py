@@ -1,5 +1,18 @@
 """Parameters of blocks for tests and for their pages."""
 
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def compile_spring(folder):
+    """Compile the example of a controller in C. Returns the path of its library."""
+    file, source = str(Path(folder, "spring.so")), str(ROOT / "diagrams" / "examples" / "spring.c")
+    subprocess.run(["cc", "-O2", "-shared", "-fPIC", f"-I{ROOT / 'cext'}", source, "-o", file], check=True)
+    return file
+
+
 # Parameters for blocks that have no usable defaults and no `examples`, and some with which every parameter of a block
 # has its effect.
 TAMED = {"kp": 2.0, "ki": 9.0, "lower": -1.0, "upper": 1.0, "anti_windup": "back-calculation"}

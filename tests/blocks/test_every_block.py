@@ -10,7 +10,7 @@ import pytest
 import blocks
 from graph import Block, Device, DiagramError, Sink
 from graph.conformance import check_block, check_declarations
-from tests.blocks.examples import EXAMPLES
+from tests.blocks.examples import EXAMPLES, compile_spring
 from tests.checkout import ROOT
 
 
@@ -51,11 +51,14 @@ def network(tmp_path_factory):
 
 
 @pytest.fixture
-def examples(request, recording):
+def examples(request, recording, tmp_path_factory):
     if request.param == "Playback":
         return ({"file": recording, "column": "knee"},)
     if request.param == "OnnxModel":
         return ({"file": request.getfixturevalue("network")},)
+    if request.param == "Compiled":
+        file = compile_spring(tmp_path_factory.mktemp("compiled"))
+        return ({"file": file, "takes": {"angle": "rad", "velocity": "rad/s"}, "gives": {"torque": "N·m"}},)
     if request.param == "MujocoBody":
         pytest.importorskip("mujoco")
         return ({"file": str(ROOT / "diagrams" / "examples" / "leg.xml")},)

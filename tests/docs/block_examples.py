@@ -20,7 +20,7 @@ import numpy as np
 
 from graph import Actuator, Block, Device, Signal, Sink, units
 from runtime.robot.loading.catalog import import_line, libraries
-from tests.blocks.examples import EXAMPLES
+from tests.blocks.examples import EXAMPLES, compile_spring
 from tests.docs.pages import ROOT
 from tests.docs.shown import RATE, SHOWN, Shown
 
@@ -101,6 +101,7 @@ def folder():
         os.chdir(path)
         os.symlink(ROOT / "diagrams" / "networks", "networks")
         os.symlink(ROOT / "diagrams" / "examples", "examples")
+        compile_spring(".")
         rows = (f"{k / 100},{30.0 - 25.0 * math.cos(2.0 * math.pi * k / 110)}" for k in range(1000))
         Path("walk.csv").write_text("time,knee\n" + "\n".join(rows) + "\n")
         try:

@@ -54,6 +54,16 @@ SHOWN = {
     "AdaptiveOscillator": Shown(duration=16.0),
     "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
     "Chirp": Shown(duration=5.0),
+    "Compiled": Shown(
+        {
+            "file": "spring.so",
+            "takes": {"angle": "rad", "velocity": "rad/s"},
+            "gives": {"torque": ("N·m", -40.0, 40.0)},
+        },
+        {"angle": "plant.position", "velocity": 'plant.velocity - Pulse(high=3.0, delay=0.2, unit="rad/s")()'},
+        "waves",
+        plant=JOINT,
+    ),
     "Complementary": Shown(
         inputs={
             "rate": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',

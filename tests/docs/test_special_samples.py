@@ -26,6 +26,10 @@ from tests.runtime.test_documents import shown_after
 
 DOCS = ROOT / "docs"
 SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in their order
+    "docs/how_to/compiled_controllers.md": (
+        "blocks.test_compiled.test_a_range_proves_the_command_and_a_replay_has_the_same_bits",
+        "blocks.test_compiled.test_the_page_compiles_a_controller_as_simulink_coder_generates_it",
+    ),
     "docs/how_to/device_families.md": (
         "runtime.test_actuators_page.test_the_driver_board_of_the_page_compiles_runs_and_is_proved",
         "docs.test_special_samples.test_the_device_family_of_the_page_is_accepted",
