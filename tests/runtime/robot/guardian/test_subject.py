@@ -1,6 +1,7 @@
 """Caps of a subject file on a real bus: each way to exceed them, with the frames on the wires as the judge."""
 
 import datetime
+import json
 import select
 import signal
 import threading
@@ -151,6 +152,37 @@ def test_no_diagram_setting_live_change_or_rearming_raises_a_cap(bus, tmp_path, 
     about = Trial(recording).about["metadata"]["subject"]
     assert about["id"] == "S03" and about["joints"] == {"*/knee": {"torque": CAP}} and len(about["sha256"]) == 64
     assert b"A. Investigator" not in recording.read_bytes()
+
+
+@pytest.mark.hazard("H1l")
+def test_no_proposal_of_an_optimisation_raises_a_cap(bus, tmp_path):
+    """Proposals of 2 to 40 N·m, above the cap, and a live change after them; bounds above a cap of the parameter."""
+    robot = write(tmp_path, ROBOT.format(drive=LIAR, more=""))
+    write(tmp_path, SUBJECT + '[assistance]\n"*/limiter.limit" = 5.0\n', "assisted.toml")
+    options = f"--rig {bus.rig} --yes --no-confirm --set */knee.limit=peak --stop-for 0.2 --record here "
+    options += "--accept=left/knee.record --accept=right/knee.record --over limiter.limit=2:40 --reference 0 "
+    options += "--cost signal:left/knee.torque_sent --settle 0.1 --measure 0.4 --generations 1 --population 3 "
+    options = f"{options}--optimiser random".split()
+    refused = finished("optimise", robot, *options, "--subject", "assisted.toml", cwd=tmp_path)
+    assert refused.returncode == 2 and "live range of left/limiter.limit" in refused.stderr, refused.stderr
+    assert "0 to 5 N·m" in refused.stderr, refused.stderr
+    bus.listen(0.1)
+    assert not bus.commands(1) and not bus.commands(2)
+    process = started("optimise", robot, *options, "--subject", "subject.toml", cwd=tmp_path)
+    bus.runs.append(process)
+    bus.await_torque()
+    until = time.monotonic() + 20.0
+    while not any('"finished": true' in path.read_text() for path in (tmp_path / "here").glob("*.optimisation.json")):
+        assert time.monotonic() < until and process.poll() is None, process.communicate()
+        bus.listen(0.2)
+    changed = finished("set", process.pid, "*/limiter.limit=40", cwd=tmp_path)
+    bus.listen(0.5)
+    words = ended(bus, process, signal.SIGINT)
+    assert changed.returncode == 0 and process.returncode == 130, changed.stderr + words
+    [path] = (tmp_path / "here").glob("*.optimisation.json")
+    told = json.loads(path.read_text())["optimiser"]["told"]
+    assert len(told) == 3 and all(values["limiter.limit"] > CAP for _, values, _ in told), (told, words)
+    assert CAP - 3 * TORQUE_STEP < highest(bus) <= CAP
 
 
 @pytest.mark.hazard("H1m")
