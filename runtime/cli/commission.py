@@ -30,6 +30,7 @@ examples:
   commission lab.toml knee.py --only identity bus state
   commission lab.toml knee.py --device left/knee --only home --toward lower --torque 0.4 --travel 60
   commission lab.toml knee.py --device left/knee --only dynamics
+  commission lab.toml knee.py --device left/knee --only stops
 
 Take the drives off the person and hold the switch of their power. Each step prints what it does, what could move, and
 what it found. Steps without torque come first; a drive gets torque, at most 5 % of rated, only if they found nothing.
@@ -91,7 +92,7 @@ def commission(options: Namespace) -> int:
     rig = read(options.rig)
     file, diagram = load(options.file, options.settings, rig)
     compile_diagram(file.path, diagram)
-    with Bench(file.path, rig, diagram) as bench:
+    with Bench(file.path, rig, diagram, options.settings) as bench:
         devices = selected(bench, options.device)
         home = home_of(options, devices)
         name = options.name or ask("Your name, for the records")

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from graph import Diagram
+    from runtime.robot.loading.overrides import Settings
     from runtime.robot.rig.file import RigFile
 
 BUTTONS = (EStopHeartbeat, EStopSwitch)
@@ -103,10 +104,11 @@ class Bench:
 
     drives, sensors, insoles, buttons : the actuators, inertial sensors, insoles and emergency stops
     file, rig, diagram : path of the diagram, RigFile, and Diagram with the parameters of the rig
+    settings : those with which the diagram was built, as texts NAME=VALUE
     """
 
-    def __init__(self, file: Path, rig: RigFile, diagram: Diagram) -> None:
-        self.file, self.rig, self.diagram = file, rig, diagram
+    def __init__(self, file: Path, rig: RigFile, diagram: Diagram, settings: Settings = ()) -> None:
+        self.file, self.rig, self.diagram, self.settings = file, rig, diagram, settings
         self.queries = {}
         for block in diagram:
             family = family_of(block) if isinstance(block, Actuator) else None

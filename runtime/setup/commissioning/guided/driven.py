@@ -296,11 +296,13 @@ def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple
     return probe, run_on_rig(bench, diagram, math.ceil(probe.duration * RATE))
 
 
-def lever_diagram(block: Any, lever: Lever, silence: float) -> tuple[Diagram, LeverProbe]:
-    """Return (Diagram, its LeverProbe) of one drive."""
+def lever_diagram(
+    block: Any, lever: Lever, silence: float, kind: type[LeverProbe] = LeverProbe, **own: Any
+) -> tuple[Diagram, LeverProbe]:
+    """Return (Diagram, its LeverProbe) of one drive. kind : of the probe; own : its other parameters"""
     limit = limit_of(block)
     wanted = min(USED_SHARE / LIMIT_SHARE * limit, STEEPEST * lever.torque)
-    probe_of = partial(LeverProbe, wanted=wanted, lever=lever.torque, silence=silence)
+    probe_of = partial(kind, wanted=wanted, lever=lever.torque, silence=silence, **own)
     return diagram_of(block, probe_of, limit, timeout=2.0 * silence)
 
 

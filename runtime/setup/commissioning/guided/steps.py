@@ -18,6 +18,7 @@ from runtime.setup.commissioning.guided import (
     law,
     passive,
     sensors,
+    stops,
 )
 from runtime.setup.commissioning.guided.bench import BUTTONS, Lost
 
@@ -81,6 +82,7 @@ STEPS = (
     Step("torque", "direction and scale of the torque", LEVER, driven.torque, driven=True),
     Step("law", "encoded ranges of stiffness and damping", LEVER, law.law, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
+    Step("stops", "time to no torque after each way to end a run", LEVER, stops.stops, driven=True, on_request=True),
     Step("dynamics", "friction, inertia and feel", SWINGS, dynamics.dynamics, driven=True, on_request=True),
     Step("home", "place of a stop", HOMING, home.home, driven=True, on_request=True),
 )

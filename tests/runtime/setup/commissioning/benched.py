@@ -7,6 +7,7 @@ the plant reads: where it holds each joint, or the lever that hangs from it.
 import json
 import os
 import re
+import signal
 import time
 
 import can
@@ -260,6 +261,15 @@ class Operator:
             moment = 1.2 * float(re.search(r"about ([\d.e-]+) kg", line)[1])  # kg·m
             self.bench.move({self.path: {"lever": 9.81 * moment, "inertia": 1.3 * moment * LENGTH}})
             self.press(f"{moment / LENGTH:.5f}")
+        elif "Pull the CAN connector" in line:
+            self.bench.plant.send_signal(signal.SIGSTOP)
+        elif "put the connector back" in line:
+            time.sleep(0.3)
+            self.bench.plant.send_signal(signal.SIGCONT)
+        elif "Did the lever fall" in line:
+            self.press("y")
+        elif "cut the power" in line:
+            self.press()
         elif "Distance from the axis" in line:
             self.press(str(LENGTH), wait=1.0)
         elif "yes or no" in line:

@@ -9,7 +9,6 @@ import time
 import pytest
 
 from blocks import actuators as actuators_module
-from blocks.actuators import CubeMars
 from graph import Diagram
 from runtime.host.errors import BAD_INPUT
 from runtime.robot.rig.records import AGREES, OPEN, Record, StepRecord, settings_of, write
@@ -21,12 +20,12 @@ from tests.runtime.setup.commissioning.nodes import DISABLE, ENABLE, Mit, Node, 
 pytestmark = pytest.mark.paced
 
 
-def ready(bench, name):
+def ready(bench, name, kind="CubeMars", model="AK80-9"):
     """Write a record in which the steps before torque agree."""
     with Diagram("bench", rate=200):
-        block = CubeMars("AK80-9", bus="legs", can_id=3, range=(-6.0, 6.0), name=name)
+        block = getattr(actuators_module, kind)(model, bus="legs", can_id=3, range=(-6.0, 6.0), name=name)
     steps = {step: StepRecord("2026-12-01 10:00", AGREES) for step in ("identity", "bus", "state", "turn")}
-    record = Record(name, name, "CubeMars", "AK80-9", settings=settings_of(block), steps=steps)
+    record = Record(name, name, kind, model, settings=settings_of(block), steps=steps)
     record.signed = {"name": "E. Person", "date": time.strftime("%Y-%m-%d")}
     write(bench.rig, record)
 
@@ -94,6 +93,24 @@ def test_a_time_out_that_the_operator_sets_in_a_cubemars_is_measured_again(tmp_p
         step = bench.records()["knee"].steps["silence"]
         assert code == 0 and "set_can_time_out 4000" in shown and "drive_timeout = 0.1" in shown, shown
         assert step.verdict == AGREES and step.measured["stopped"] == 1.0 and step.measured["silence"] < 0.4
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.soak
+@pytest.mark.parametrize("drive", [("CubeMars", "AK80-9"), ("CubeMarsServo", "AK60-6-V1.1"), ("RobStrideMIT", "RS04")])
+def test_stops_are_measured_or_said_by_the_operator_or_not_done(tmp_path, drive):
+    with Benched(tmp_path, 128, {"knee": (*drive, 3, {}, {})}) as bench:
+        ready(bench, "knee", *drive)
+        code, shown = bench.commission("--only", "stops")
+        step = bench.records()["knee"].steps["stops"]
+        assert code == 0 and step.verdict == AGREES and not step.findings, shown
+        assert 0.0 < step.measured["ctrl_c"] < 0.2 and 0.0 < step.measured["kill"] < 0.2
+        words = [line.partition(": ")[2] for line in step.says]
+        for line, begin in zip(
+            words, ("measured, ", "measured, ", "measured, ", "operator says: ", "not done"), strict=True
+        ):
+            assert line.startswith(begin), step.says
+        assert "confirmed" not in " ".join(step.says) and 0.0 < bench.torque("knee")
 
 
 @pytest.mark.soak
