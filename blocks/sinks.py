@@ -116,6 +116,30 @@ class Lsl(Sink):
         return not virtual
 
 
+class Ros2(Sink):
+    """ROS 2 by Zenoh: JointState of the actuators, Imu of each inertial sensor, and diagnostics, without ROS here.
+
+    Nodes of ROS 2 with the middleware rmw_zenoh receive them. A block with a position in rad or m is a joint: left/knee
+    is left_knee in `joint_states`. An inertial sensor has the topic of its path. `/diagnostics` has the state of the
+    run and of each actuator once a second. A process of its own publishes. A run in virtual time publishes nothing.
+
+    Requires eclipse-zenoh: `pip install 'tickwork[ros2]'`.
+    """
+
+    router = Param("tcp/localhost:7447", "1", "endpoint of the Zenoh router, `rmw_zenohd` of ROS 2", dtype=str)
+    domain = Param(0, "1", "ROS_DOMAIN_ID of the nodes", min=0, max=232, fixed=True)
+    namespace = Param("", "1", "namespace of the topics, such as exo; that of /diagnostics is always empty", dtype=str)
+    signals = Param(
+        "", "1", "signals, blocks or subsystems to publish, such as left/knee, */imu; all recorded ones by default"
+    )
+    decimation = Param(1, "1", "one in this many ticks is published", min=1, max=10_000, fixed=True)
+
+    service = "ros2"
+
+    def is_active(self, virtual: bool) -> bool:
+        return not virtual
+
+
 class Rerun(Sink):
     """Rerun viewer: one plot per subsystem with its limits, limbs in 3-D, faults as text.
 

@@ -8,6 +8,7 @@ from blocks.sensors.insole import EmulatedInsole, FootContact, Insole
 from blocks.sensors.lsl import LslInlet
 from blocks.sensors.microcontroller import EmulatedMicrocontroller, Microcontroller
 from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
+from blocks.sensors.ros2 import Ros2Subscription
 
 __all__ = [
     "ADS1115",
@@ -28,4 +29,5 @@ __all__ = [
     "LslInlet",
     "Microcontroller",
     "NAU7802",
+    "Ros2Subscription",
 ]

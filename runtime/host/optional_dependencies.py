@@ -22,6 +22,7 @@ EXTRAS = {
     "pyxdf": "lsl",
     "rerun": "rerun",
     "scipy": "matlab",
+    "zenoh": "ros2",
 }
 
 

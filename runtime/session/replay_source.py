@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from runtime.robot.loading.subject import Subject
 
 READ_SIZE = 1 << 20  # bytes
-SINKS = ("blocks.recorders:CsvRecorder", *(f"blocks.sinks:{name}" for name in ("Lsl", "Panel", "PlotJuggler", "Rerun")))
+VIEWERS = ("Lsl", "Panel", "PlotJuggler", "Rerun", "Ros2")
+SINKS = ("blocks.recorders:CsvRecorder", *(f"blocks.sinks:{name}" for name in VIEWERS))
 
 
 @dataclass(frozen=True)

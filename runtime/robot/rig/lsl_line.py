@@ -31,11 +31,11 @@ SPELLINGS = {  # units of XDF files
 }  # fmt: skip
 
 
-class LslReceiver(ChildProcess):
+class Receiver(ChildProcess):
     """The process of one stream. passed : AF_UNIX socket to which it sends samples as lines of text"""
 
-    def __init__(self, passed: socket.socket, options: dict[str, Any]) -> None:
-        super().__init__("runtime.robot.rig.lsl_receiver", (passed.fileno(),), (passed.fileno(),))
+    def __init__(self, module: str, passed: socket.socket, options: dict[str, Any]) -> None:
+        super().__init__(module, (passed.fileno(),), (passed.fileno(),))
         self.order(options)
 
     def order(self, content: dict[str, Any]) -> None:
@@ -43,8 +43,11 @@ class LslReceiver(ChildProcess):
         self._send(json.dumps(content).encode() + b"\n")
 
     def answer(self) -> dict[str, Any]:
-        """Return its next answer. Raises TimeoutError."""
-        return self._answer(ANSWER_TIMEOUT) or {"problem": "its process ended"}
+        """Return its next answer; {"problem"} if there is none."""
+        try:
+            return self._answer(ANSWER_TIMEOUT) or {"problem": "its process ended"}
+        except TimeoutError:
+            return {"problem": "no reply of its process"}
 
     def close(self) -> None:
         """End the process."""
@@ -68,12 +71,9 @@ def open_line(path: str, stream: str, source: str, channels: Sequence[tuple[str,
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setblocking(False)
     with theirs:
-        receiver = LslReceiver(theirs, {"stream": stream, "source": source})
+        receiver = Receiver("runtime.robot.rig.lsl_receiver", theirs, {"stream": stream, "source": source})
     try:
-        try:
-            found = receiver.answer()
-        except TimeoutError:
-            found: dict[str, Any] = {"problem": "no reply of its process"}
+        found = receiver.answer()
         if "problem" in found:
             hint = found.get("hint", "start its sender, and check that this network passes multicast")
             raise Refused(RigProblem("TW128", f"{name}: {found['problem']}", hint))

@@ -30,6 +30,7 @@ KINDS = {  # kind of line: the module that opens it
     "gpio": "runtime.robot.rig.gpio_line",
     "lsl": "runtime.robot.rig.lsl_line",
     "net": "runtime.robot.rig.net_line",
+    "ros2": "runtime.robot.rig.ros2_line",
 }
 SHOWN_KINDS = {"dialogue": "serial"}  # in tables, where the operator looks for the kind of port
 

@@ -274,6 +274,7 @@ LINES = {  # text of a medium or kind of line
     "dialogue": "serial line",
     "net": "network",
     "lsl": "LSL stream",
+    "ros2": "ROS 2 topic",
     "gpio": "GPIO line",
     "evdev": "input device",
 }

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.paced
 
 
 def test_every_kind_of_line_of_a_rig_has_an_emulator():
-    assert {*TERMINALS, NETWORK, GPIO} == {*KINDS} - {"lsl"}  # a stream of any program with an outlet is one
+    assert {*TERMINALS, NETWORK, GPIO} == {*KINDS} - {"lsl", "ros2"}  # any program can send these
 
 
 def test_sensors_are_identified_by_serial_number_and_stream(tmp_path):
