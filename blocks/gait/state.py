@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from cext.kernels import gait_state as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
@@ -21,9 +19,10 @@ class GaitState(Block):
     Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s, and each
     leg has been faster than the limit within 1.5 s; at 0.15 to 1.9 m/s a thigh or knee pauses for 1.2 s at most. Any
     other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
-    stands, or a stumble, in which the leads of the phases of both legs over the clocks of their last strides
-    differ by more than 18 % of a stride. A stumble ends when each leg has taken a stride as long as the one before
-    within a fifth. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
+    stands, or a stumble, in which the difference of both phases leaves its usual value by more than 9 to 18 % of a
+    stride: five times its usual RMS deviation, learned with a weight of 30 % for each stride. A stumble ends when each
+    leg has begun a new stride, or two with `motion` "knee". The confidence is 1 in standing and
+    1 − deviation / tolerance in walking.
 
     Walking is forward: a leg swings forward faster than it turns back over the ground. Each of these numbers, from
     means over 0.9 strides, is positive in walking forward and negative in walking backward:
@@ -62,7 +61,7 @@ class GaitState(Block):
     track = Memory(
         (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
     )
-    clocks = Memory((math.inf, 0.0, 0.0, 0.0) * 2, "time since the strike, last stride, phase and stumble of each leg")
+    apart = Memory((0.5, 0.0025) + (0.0,) * 7, "usual difference of the phases and its spread, and a stumble")
 
     kernel = kernels.gait_state
 

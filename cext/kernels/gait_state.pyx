@@ -22,8 +22,11 @@ cdef double SHANK_LOW = 0.3             # evidence below which the wearer no lon
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
 cdef double THIGH_HIGH = 0.15
-cdef double STUMBLE = 0.18              # of a stride, by which one leg leads the clock of its last stride more than the other
-cdef double REGULAR = 0.2               # change of the stride after which a stumble has ended
+cdef double STUMBLE_LEAST = 0.09        # of a stride, by which one leg leads the other unusually much,
+cdef double STUMBLE_MOST = 0.18         # or up to this in an uneven walk:
+cdef double STUMBLE_TIMES = 5.0         # times the usual RMS
+cdef double FIRST_SPREAD = 0.0015       # mean square, until strides of a walk show it
+cdef double USUAL_SHARE = 0.3           # of a stride, in what is usual
 
 
 cdef struct Direction:
@@ -90,9 +93,9 @@ cdef struct State:
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
     Direction direction
     int32_t track               # see below
-    int32_t clocks              # see below
+    int32_t apart               # see below
 
-STATE = items((<State *>ITEMS)[0], "evidence[13] track[6] clocks[8]")
+STATE = items((<State *>ITEMS)[0], "evidence[13] track[6] apart[9]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -104,31 +107,47 @@ cdef enum:
 
 
 cdef enum:
-    CLOCK_AGE = 0               # s since the phase of a leg began
-    CLOCK_PERIOD = 1            # s, of its last stride, 0 while unknown
-    CLOCK_LAST = 2              # phase one tick before
-    IRREGULAR = 3               # 1 from a stumble to the end of the next regular stride
-    CLOCK_SIZE = 4
+    USUAL = 0                   # mean of the left phase less the right one
+    SPREAD = 1                  # mean square of the difference from it
+    SUM = 2                     # of the differences of this stride of the left leg,
+    SQUARES_SUM = 3             # of their squares,
+    COUNT = 4                   # and their number
+    STUMBLED = 5                # strides until a stumble has ended, left, then right
+    BEFORE = 7                  # phase one tick before, left, then right
 
 
-cdef inline double lead(double *c, double phase, bint known, double dt) noexcept nogil:
-    """Return by how much of a stride the phase of a leg leads the clock of its last stride."""
-    cdef double change
-    phase -= floor(phase)
-    c[CLOCK_AGE] += dt
-    if not known:
-        c[CLOCK_PERIOD] = c[IRREGULAR] = 0.0
-        c[CLOCK_AGE] = INFINITY
-    elif c[CLOCK_LAST] - phase > 0.5:
-        change = fabs(c[CLOCK_AGE] - c[CLOCK_PERIOD])
-        c[IRREGULAR] = c[IRREGULAR] != 0.0 and change > REGULAR * c[CLOCK_PERIOD]
-        c[CLOCK_PERIOD] = c[CLOCK_AGE] if is_finite(c[CLOCK_AGE]) else 0.0
-        c[CLOCK_AGE] = 0.0
-    c[CLOCK_LAST] = phase
-    if c[CLOCK_PERIOD] == 0.0:
-        return 0.0
-    change = phase - c[CLOCK_AGE] / c[CLOCK_PERIOD]
-    return change - floor(change + 0.5)
+cdef inline bint stumbles(double *m, double left, double right, bint known, double strides) noexcept nogil:
+    """Return whether a leg leads the other by unusually much, or did so in its last strides.
+
+    left, right : phases; known : whether both are; strides : after which a stumble has ended
+    """
+    cdef double difference = left - right - m[USUAL]
+    cdef double phase, mean
+    cdef int side
+    difference -= floor(difference + 0.5)
+    if known:
+        m[SUM] += difference
+        m[SQUARES_SUM] += difference * difference
+        m[COUNT] += 1.0
+        if fabs(difference) > clip(STUMBLE_TIMES * sqrt(m[SPREAD]), STUMBLE_LEAST, STUMBLE_MOST):
+            m[STUMBLED] = m[STUMBLED + 1] = strides
+    else:
+        m[SUM] = m[SQUARES_SUM] = m[COUNT] = 0.0
+        m[SPREAD] = max(m[SPREAD], FIRST_SPREAD)
+    for side in range(2):
+        phase = right if side else left
+        phase -= floor(phase)
+        if m[BEFORE + side] - phase > 0.5:
+            if side == 0 and m[COUNT] > 0.0:
+                # A stride without a stumble is learned; after one, both legs may be apart by another phase.
+                mean = m[SUM] / m[COUNT]
+                m[USUAL] += (1.0 if m[STUMBLED] > 0.0 else USUAL_SHARE) * mean
+                if m[STUMBLED] == 0.0:
+                    m[SPREAD] += USUAL_SHARE * (m[SQUARES_SUM] / m[COUNT] - m[SPREAD])
+                m[SUM] = m[SQUARES_SUM] = m[COUNT] = 0.0
+            m[STUMBLED + side] = max(0.0, m[STUMBLED + side] - 1.0)
+        m[BEFORE + side] = phase
+    return m[STUMBLED] + m[STUMBLED + 1] > 0.0
 
 
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
@@ -137,7 +156,6 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     cdef double left = arena[at.left_velocity]
     cdef double right = arena[at.right_velocity]
     cdef double *track = arena + at.track
-    cdef double *clocks = arena + at.clocks
     cdef double apart, share, fastest, still
     cdef bint ahead, steady
     if not is_finite(phases + flags + left + right) or isinf(arena[at.direction.left_shank_velocity]) \
@@ -159,11 +177,8 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     # 2. Walking: both legs walk forward, half a stride apart, without a stumble. Under a wearer who swings one leg, the
     #    other stands.
     ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
-    share = lead(clocks, arena[at.left_phase], arena[at.left_walking] != 0.0, arena[DT]) \
-        - lead(clocks + CLOCK_SIZE, arena[at.right_phase], arena[at.right_walking] != 0.0, arena[DT])
-    if fabs(share - floor(share + 0.5)) > STUMBLE:
-        clocks[IRREGULAR] = clocks[CLOCK_SIZE + IRREGULAR] = 1.0
-    steady = clocks[IRREGULAR] + clocks[CLOCK_SIZE + IRREGULAR] == 0.0
+    steady = not stumbles(arena + at.apart, arena[at.left_phase], arena[at.right_phase], flags == 2.0, \
+        2.0 if arena[at.direction.knees] != 0.0 else 1.0)       # knees alone do not show the direction either
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
         flags = 0.0
     apart = phases - 0.5
