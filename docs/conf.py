@@ -3,7 +3,9 @@
 import inspect
 import os
 import re
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -13,7 +15,8 @@ from docutils import nodes  # noqa: E402
 
 from runtime.robot.loading.draw import draw_file  # noqa: E402
 from tests.diagrams.robots import ROBOTS, path  # noqa: E402
-from tests.docs import generated, site  # noqa: E402
+from tests.docs import generated, site, tutorial  # noqa: E402
+from tests.docs.fences import fences  # noqa: E402
 
 QUICK = bool(os.environ.get("DOCS_QUICK"))  # without pictures and notebooks, for the tests
 
@@ -183,10 +186,20 @@ def remove_template(app, exception):
     (Path(app.outdir) / "_static" / "webpack-macros.html").unlink(missing_ok=True)
 
 
-def draw_robots(app, exception):
-    """Write the pages with zoom that a click on the drawing of a robot opens, beside the drawings."""
-    for robot in () if QUICK or exception else ROBOTS:
-        draw_file(path(robot), output=str(Path(app.outdir) / "_images" / f"{robot}.html"))
+def draw_with_zoom(app, exception):
+    """Write the pages with zoom that a click on the drawing of a diagram opens, beside the drawings."""
+    images = Path(app.outdir) / "_images"
+    if QUICK or exception:
+        return
+    for robot in ROBOTS:
+        draw_file(path(robot), output=str(images / f"{robot}.html"))
+    for page in (Path(app.srcdir) / "api" / "blocks" / "images").glob("*.html"):
+        shutil.copy(page, images)
+    with tempfile.TemporaryDirectory() as folder:
+        for fence in [fence for page in tutorial.pages() for fence in fences(tutorial.TUTORIAL / page)]:
+            if fence.file.endswith(".py"):
+                Path(folder, fence.file).write_text(fence.text)
+        draw_file(Path(folder, "exo.py"), output=str(images / "exo.html"))
 
 
 def setup(app):
@@ -198,4 +211,4 @@ def setup(app):
     app.connect("doctree-resolved", mark_words)
     app.connect("doctree-resolved", link_blocks)
     app.connect("build-finished", remove_template)
-    app.connect("build-finished", draw_robots)
+    app.connect("build-finished", draw_with_zoom)

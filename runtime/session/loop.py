@@ -180,10 +180,10 @@ class Loop:
         size, nyquist, phase, step = (axes[name] for name in ("size", "nyquist", "phase", "step"))
         f, L = self.frequencies, self.response
         size.semilogx(f, 20.0 * np.log10(np.abs(L)), color=picture.BLUE)
-        size.set_ylabel("|L| in dB")
+        size.set_ylabel("|L| [dB]")
         phase.semilogx(f, np.degrees(np.unwrap(np.angle(L))), color=picture.BLUE)
-        phase.set_ylabel("arg L in degrees")
-        phase.set_xlabel("frequency in Hz")
+        phase.set_ylabel("arg L [deg]")
+        phase.set_xlabel("frequency [Hz]")
         self._crossings(size, phase)
         near = L[np.abs(L) < 5.0]
         nyquist.plot(np.real(near), np.imag(near), color=picture.BLUE)
@@ -191,11 +191,11 @@ class Loop:
         nyquist.set(xlabel="Re L", ylabel="Im L", xlim=(-2.5, 1.5), ylim=(-2.0, 2.0), aspect="equal")
         if self.system is None:
             step.semilogx(f, 1.0 / np.abs(1.0 + L), color=picture.GREEN)
-            step.set(xlabel="frequency in Hz", ylabel="sensitivity |1 / (1 + L)|")
+            step.set(xlabel="frequency [Hz]", ylabel="sensitivity |1 / (1 + L)|")
         else:
             t, y = self.step_response()
             step.step(t, y, where="post", color=picture.GREEN)
-            step.set(xlabel="time in s", ylabel="closed loop, unit step")
+            step.set(xlabel="time [s]", ylabel="closed loop, unit step")
             self._poles(axes["poles"], axes["near"])
         figure.suptitle(picture.plain(f"{self.title}: {self.name} at {self.at:g} s"), fontsize=10)
         picture.save(figure, file, kind)

@@ -134,7 +134,12 @@ def example_of(kind, home):
         for name, port in made(kind).inputs.items()
         if (port.default is None or name in own.inputs) and not kind.variadic
     }
-    if issubclass(kind, (Device, Sink)) or kind.always or not kind.outputs and not made(kind).outputs:
+    if (
+        issubclass(kind, (Device, Sink))
+        or (kind.always and not kind.continuous)
+        or not kind.outputs
+        and not made(kind).outputs
+    ):
         shown.inputs = {name: "0.0" if port.dtype == "float" else "False" for name, port in required.items()}
         if issubclass(kind, Actuator):
             commands = [name for name in made(kind).inputs if name.endswith("_command")]

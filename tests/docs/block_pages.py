@@ -8,6 +8,7 @@ import textwrap
 
 import blocks
 from graph.drawing import draw, svg
+from graph.drawing import page as zoomed
 from graph.drawing.cards import documentation, port_card, summary, unit_text
 from runtime.robot.loading.catalog import class_card, family_of, import_line, libraries
 from tests.docs import block_examples, responses
@@ -131,9 +132,10 @@ def page(kind, home, images, pictures):
     parts.append(f"```python\n{import_line(kind, home)}\n```")
     parts += [_paragraph(text) for text in rest]
     all_ports = not shown.walker and len(card["inputs"]) + len(card["outputs"]) < PORTS_DRAWN
-    drawing = svg(draw(block_examples.diagram(shown), all_ports=all_ports))
-    (images / f"{name}.svg").write_text(drawing)
-    parts.append(f"![{name} in a diagram](images/{name}.svg)")
+    drawing = draw(block_examples.diagram(shown), all_ports=all_ports)
+    (images / f"{name}.svg").write_text(svg(drawing))
+    (images / f"{name}.html").write_text(zoomed(drawing))
+    parts.append(f"![block diagram with {name}](images/{name}.svg)")
     parts += [_ports(card, "inputs"), _ports(card, "outputs"), _parameters(card)]
     parts.append(f"## Example\n\n```python\n{shown.whole()}```")
     if pictures:

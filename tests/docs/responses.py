@@ -9,13 +9,13 @@ import runtime
 from blocks.discrete import UnitDelay
 from blocks.sources import GaussianNoise, StepSource
 from graph import Diagram, units
+from runtime.record.analysis import picture
 from tests.docs.block_examples import made, parameters, run
 from tests.docs.shown import RATE
 
 FREQUENCIES = np.geomspace(0.5, 95.0, 2000)  # Hz, closer than the width of a notch
 FAINTEST = 1e-4  # share of the largest gain below which a frequency response is not drawn
-INK, FAINT = "#0072b2", "#888888"
-COLOURS = (INK, "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+COLOURS = (*picture.COLOURS, picture.INK)
 
 
 def frequency_response(shown):
@@ -77,17 +77,17 @@ def draw(shown, target):
 
 
 def _axes(rows, height=1.7):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 0.6 + height * rows), layout="constrained")
+    figure = picture.figure(7.0, 0.6 + height * rows)
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     for each in axes:
-        each.grid(color="#dddddd", linewidth=0.6)
-        each.spines[["top", "right"]].set_visible(False)
+        picture.frame(each)
     return figure, axes
 
 
 def _save(figure, target):
+    figure.align_ylabels()
+    for each in figure.axes:
+        each.margins(x=0.0)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": target.name}):
         figure.savefig(target, format="svg", metadata={"Date": None})
 
@@ -100,7 +100,7 @@ def _draw_curve(trial, inputs, outputs, target):
     [[name, source]] = inputs.items()
     figure, axes = _axes(len(outputs), 2.4)
     for each, path in zip(axes, outputs):
-        each.plot(np.asarray(trial[source], float), np.asarray(trial[path], float), color=INK)
+        each.plot(np.asarray(trial[source], float), np.asarray(trial[path], float), color=picture.BLUE)
         each.set_ylabel(_label(path.rpartition(".")[2], trial.unit(path)))
     axes[-1].set_xlabel(_label(name, trial.unit(source)))
     _save(figure, target)
@@ -132,7 +132,7 @@ def _draw_times(shown, trial, inputs, outputs, target):
                 each.plot(times[drawn], value[drawn], color=COLOURS[count % len(COLOURS)], label=label)
                 count += 1
         if count == 1:
-            each.lines[0].set_color(FAINT if given else INK)
+            each.lines[0].set_color(picture.GREY if given else picture.BLUE)
         elif count <= len(COLOURS):
             each.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         sign = "" if unit in (units.ONE, units.ANY, "", None) else f" [{unit}]"
@@ -155,10 +155,10 @@ def draw_frequency_response(shown, target):
         return False
     figure, axes = _axes(2)
     gain, phase = np.maximum(found[0], FAINTEST * found[0].max()), found[1]
-    axes[0].loglog(FREQUENCIES, gain, color=INK)
+    axes[0].loglog(FREQUENCIES, gain, color=picture.BLUE)
     axes[0].set_ylim(min(gain.min(), gain.max() / 12) / 1.1, gain.max() * 1.1)  # at least a decade: no rounding errors
     axes[0].set_ylabel("gain")
-    axes[1].semilogx(FREQUENCIES, np.degrees(phase), color=INK)
+    axes[1].semilogx(FREQUENCIES, np.degrees(phase), color=picture.BLUE)
     axes[1].set_ylabel("phase [deg]")
     axes[1].set_xlabel("frequency [Hz]")
     _save(figure, target)

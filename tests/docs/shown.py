@@ -53,6 +53,7 @@ SHOWN = {
     ),
     "AdaptiveOscillator": Shown(duration=16.0),
     "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
+    "BouncingMass": Shown({"start": 0.5, "restitution": 0.8}, style="time", duration=3.0),
     "Chirp": Shown(duration=5.0),
     "Compiled": Shown(
         {
@@ -72,11 +73,15 @@ SHOWN = {
     ),
     "ComplementaryOrientation": TILT,
     "Constant": Shown({"value": 5.0, "unit": "N·m"}),
+    "ContinuousIntegrator": Shown(inputs={"u": "StepSource(time=0.1)()"}, style="step", duration=1.0),
     "Cross": Shown(inputs={"a": "stack(1.0, 0.0, 0.0)", "b": f"stack({ROTATING}, 0.0)"}),
     "CubeMarsServo": Shown({"model": "AK80-9", "mode": "current"}),
     "Cuff": Shown({"zero": 10.0, "noise": 2.0}),
     "Debounce": Shown(inputs={"u": 'Compare(">")(Sine()() + Sine(amplitude=0.3, frequency=40.0)(), 0.0)'}),
     "Delay": Shown({"samples": 20}),
+    "DirectCurrentMotor": Shown(
+        inputs={"voltage": 'StepSource(time=0.1, after=24.0, unit="V")()'}, style="step", duration=0.5, rate=2000.0
+    ),
     "Divide": Shown(inputs={"a": "Sine()()", "b": "Sine(frequency=2.0, bias=2.0)()"}),
     "Dot": Shown(inputs={"a": "stack(1.0, 0.0)", "b": f"stack({ROTATING})"}),
     "EmulatedFSR": Shown(inputs={"force": 'Ramp(slope=25.0, unit="N")()'}),
@@ -113,6 +118,9 @@ SHOWN = {
     "LookupTable1D": Shown({"breakpoints": (-1.0, 0.0, 0.5, 1.5), "values": (0.0, 1.0, 0.8, 2.0)}, style="curve"),
     "Madgwick": TILT,
     "Mahony": TILT,
+    "MassSpringDamper": Shown(
+        {"stiffness": 100.0, "damping": 2.0}, {"force": 'StepSource(time=0.1, after=10.0, unit="N")()'}, "step", 5.0
+    ),
     "MatrixGain": Shown({"matrix": ((1.0, 1.0), (1.0, -1.0))}),
     "Median": Shown({"samples": 5}, {"u": "Sine()() + Pulse(period=0.3, duty=0.02)()"}, "waves"),
     "MovingAverage": Shown({"window": 0.1}, duration=0.5),
@@ -124,6 +132,11 @@ SHOWN = {
         {"knee_torque": 'StepSource(time=0.1, after=4.0, unit="N·m")()'},
         "step",
         rate=1000.0,
+    ),
+    "MuscleTendon": Shown(
+        inputs={"excitation": "StepSource(time=0.1)()", "length": 'Constant(0.305, unit="m")()'},
+        style="step",
+        duration=1.0,
     ),
     "Norm": Shown(inputs={"u": "stack(0.5, Sine()())"}, style="waves"),
     "OnnxModel": Shown(
@@ -141,6 +154,7 @@ SHOWN = {
     "PD": Shown({"kp": 30.0, "kd": 4.0, "unit": "N·m"}, SET_POINT, "step", 1.0, plant=JOINT),
     "PI": Shown({"kp": 5.0, "ki": 20.0, "unit": "N·m"}, SPEED, "step", 1.0, plant=JOINT),
     "PID": Shown({"kp": 30.0, "ki": 30.0, "kd": 4.0, "unit": "N·m"}, SET_POINT, "step", 2.0, plant=JOINT),
+    "Pendulum": Shown({"start": 1.0, "damping": 0.1}, style="time", duration=5.0),
     "PhaseKalmanFilter": Shown(inputs={"angle": "walker.left_hip_angle"}, duration=12.0),
     "Playback": Shown({"file": "walk.csv", "column": "knee"}),
     "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),

@@ -16,8 +16,10 @@ from urllib.parse import quote
 
 import pytest
 
+from blocks.mathematics import Gain
 from tests.checkout import ROOT
 from tests.diagrams.robots import ROBOTS
+from tests.docs import block_examples, block_pages
 from tests.docs.block_pages import INDEX
 from tests.docs.pages import DOCS, PAGES
 from tests.docs.site import list_versions
@@ -53,17 +55,27 @@ def site():
     return folder / "1.0"
 
 
-def test_a_click_on_the_drawing_of_a_robot_opens_its_page_with_zoom(tmp_path):
+def test_a_click_on_a_drawing_opens_its_page_with_zoom(tmp_path):
+    """Of a robot, of a block and of the tutorial, whose pages show the drawing under the name that the script reads."""
     pytest.importorskip("docutils")
-    draw_robots = runpy.run_path(str(DOCS / "conf.py"))["draw_robots"]
-    draw_robots.__globals__.update(QUICK=False, ROBOTS=["hip_exo_bilateral"])
-    (tmp_path / "_images").mkdir()
-    draw_robots(SimpleNamespace(outdir=tmp_path), None)
-    assert '<svg id="canvas"' in (tmp_path / "_images" / "hip_exo_bilateral.html").read_text()
-    shown = 'picture.alt === "block diagram" ? picture.src.replace(/svg$/, "html")'
+    draw_with_zoom = runpy.run_path(str(DOCS / "conf.py"))["draw_with_zoom"]
+    draw_with_zoom.__globals__.update(QUICK=False, ROBOTS=["hip_exo_bilateral"])
+    made, images = tmp_path / "_images", tmp_path / "api" / "blocks" / "images"
+    made.mkdir()
+    images.mkdir(parents=True)
+    with block_examples.folder():
+        page = block_pages.page(Gain, "blocks.mathematics", images, pictures=False)
+    assert "![block diagram with Gain](images/Gain.svg)" in page
+    draw_with_zoom(SimpleNamespace(outdir=tmp_path, srcdir=tmp_path), None)
+    for name, path in (("hip_exo_bilateral", "left/hip"), ("Gain", "block"), ("exo", "knee")):
+        page = (made / f"{name}.html").read_text()
+        assert '<svg id="canvas"' in page and f'data-path="{path}' in page
+    shown = 'picture.alt.startsWith("block diagram") ? picture.src.replace(/svg$/, "html")'
     assert shown in (DOCS / "_static" / "site.js").read_text()
     for robot in ROBOTS:
         assert f"![block diagram](images/{robot}.svg)" in (DOCS / "robots" / f"{robot}.md").read_text()
+    for page in ("index", "3_strides"):
+        assert re.search(r"!\[block diagram of .*\]\(images/exo.svg\)", (DOCS / "tutorial" / f"{page}.md").read_text())
 
 
 @pytest.mark.soak

@@ -170,7 +170,7 @@ def test_the_command_prints_the_margins_and_draws_them(tmp_path, command_line):
     for part in ("loop opened at mass.force, after gain.y", "gain margin", "phase margin", "delay margin", "stable, "):
         assert part in out
     drawn = (tmp_path / "loop.svg").read_text()
-    assert all(label in drawn for label in ("|L| in dB", "Re L", "zeros of L", "closed loop, unit step"))
+    assert all(label in drawn for label in ("|L| [dB]", "Re L", "zeros of L", "closed loop, unit step"))
     assert "no signal is connected to 'mass.forc': choose one of gain.u, mass.force" in command_line.refused(
         "analyse", str(file), "--loop", "mass.forc"
     )
