@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 CONVERSIONS = {"int", "round", "math.floor", "math.ceil", "math.trunc"}  # to an int: NaN raises in Python
-RATES = "slope[...]"  # item of the rates of change of a continuous block
+RESULTS = {"derivative": "slope[...]", "crossing": "margin[...]", "jump": "state[...]"}  # of a continuous block
 RAISED, NO_VALUE = 64, 65  # the kernels' own statuses, from cext.abi.FIRST_OWN_STATUS on; those of the ports follow
 
 
@@ -54,7 +54,7 @@ def available() -> bool:
 def compile_block(block: Block) -> None:
     """Compile the methods of a Python block to kernels. Raises CannotCompile if that is not possible."""
     if block.continuous:
-        compile_derivative(block)
+        compile_continuous(block)
         return
     block.reset()
     state = {
@@ -76,13 +76,18 @@ def compile_block(block: Block) -> None:
     block.compiled = True
 
 
-def compile_derivative(block: Any) -> None:
-    """Compile the derivative of a continuous block. Raises CannotCompile if that is not possible."""
+def compile_continuous(block: Any) -> None:
+    """Compile the methods of a continuous block. Raises CannotCompile if that is not possible."""
     check_scalars(block)
-    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed), RATES]
-    slots = {name: index for index, name in enumerate(items)}
-    derivative: Callable[..., Any] = block.derivative.__func__
-    block.derivative_kernel = kernel_of(block, derivative, slots, list(block.outputs))
+    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed)]
+    kernels: dict[str, Kernel] = {}
+    for method, result in RESULTS.items():
+        if hasattr(block, method):
+            slots = {name: index for index, name in enumerate([*items, result])}
+            outputs = ["margin"] if method == "crossing" else list(block.outputs)
+            kernels[f"{method}_kernel"] = kernel_of(block, getattr(block, method).__func__, slots, outputs, result)
+    for name, kernel in kernels.items():
+        setattr(block, name, kernel)
 
 
 def check_scalars(block: Block) -> None:
@@ -111,8 +116,15 @@ def is_state(block: Block, name: str) -> bool:
     return name not in block.parameters and not name.startswith("_") and not hasattr(type(block), name)
 
 
-def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], outputs: Sequence[str]) -> Kernel:
-    """Return the Kernel of a method of a block, compiled by Numba. slots : {item: position in the slot table}"""
+def kernel_of(
+    block: Block, method: Callable[..., Any], slots: dict[str, int], outputs: Sequence[str], result: str = ""
+) -> Kernel:
+    """Return the Kernel of a method of a block, compiled by Numba.
+
+    slots : {item: position in the slot table}
+    outputs : names of the values that it returns
+    result : item with all of them, in place of an item for each
+    """
     import numba
     from numba import types
     from numba.core.errors import NumbaError
@@ -124,7 +136,8 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
     function = parse(source).body[0]
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
-    rewritten = Rewriter(block, slots, outputs, [a.arg for a in function.args.args[1:]]).kernel(function)
+    arguments = [a.arg for a in function.args.args[1:]]
+    rewritten = Rewriter(block, slots, outputs, arguments, result).kernel(function)
     namespace: dict[str, Any] = {**method.__globals__, "math": math, "finite_or_raise": numba.njit(finite_or_raise)}
     exec(compile(rewritten, inspect.getsourcefile(method) or "<step>", "exec"), namespace)
     pointer = types.CPointer
@@ -160,8 +173,10 @@ class Rewriter(ast.NodeTransformer):
     the outputs.
     """
 
-    def __init__(self, block: Block, slots: dict[str, int], outputs: Sequence[str], arguments: Sequence[str]) -> None:
-        self.block, self.slots = block, slots
+    def __init__(
+        self, block: Block, slots: dict[str, int], outputs: Sequence[str], arguments: Sequence[str], result: str
+    ) -> None:
+        self.block, self.slots, self.result = block, slots, result
         self.outputs, self.arguments = outputs, arguments
 
     def kernel(self, function: FunctionDef) -> Module:
@@ -238,11 +253,10 @@ class Rewriter(ast.NodeTransformer):
             assert value is not None
             number = ast.BinOp(value, ast.Mult(), ast.Constant(1.0))  # Numba has no float() of a bool
             stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], number))
-        rates = self.slots.get(RATES)
-        for index, name in enumerate(self.outputs if rates is None else ()):
+        for index, name in enumerate(() if self.result else self.outputs):
             stores += self.checks(name, f"result_{index}")
         for index, name in enumerate(self.outputs):
-            place = f"slots[{self.slots[name]}]" if rates is None else f"slots[{rates}] + {index}"
+            place = f"slots[{self.slots[self.result]}] + {index}" if self.result else f"slots[{self.slots[name]}]"
             stores.append(parse(f"arena[{place}] = result_{index}").body[0])
         return [*stores, parse("return 0").body[0]]
 

@@ -212,7 +212,7 @@ def test_a_mass_bounces_as_in_closed_form_until_it_rests(solver):
 
 
 class CompiledBall(Ball):
-    """The same with a derivative compiled by Numba."""
+    """The same, compiled by Numba."""
 
     jit = True
 
@@ -221,11 +221,13 @@ class CompiledBall(Ball):
 def test_a_block_in_python_states_an_event_and_its_jump(cls):
     position, _ = swing(block_of(cls), 100.0, 3.0)
     assert np.abs(position - fall(np.arange(301) / 100.0, 0.8)).max() < 1e-11
-    with Diagram("alone", 100.0):
+    with Diagram("alone", 100.0) as diagram:
         ball = cls()
     for index in range(300):
         assert abs(ball.step()[0] - position[index]) < 1e-12
         ball.update()
+    python = [step.name for step in compile(diagram).update if step.function is not None]
+    assert (not python) == (cls.jit and jit.available()), python
 
 
 def test_events_that_accumulate_are_a_fault_with_the_cause():
