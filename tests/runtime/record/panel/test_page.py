@@ -2,8 +2,8 @@
 
 import importlib.resources
 import os
+import re
 import signal
-import time
 
 import pytest
 
@@ -186,10 +186,13 @@ def test_settings_are_undone_saved_and_loaded(opened, tmp_path):
 def test_lost_link_is_shown_within_half_a_second_and_a_stop_is_not_claimed(opened):
     run, tab = opened
     panel = descendant(run.process.pid, "tickwork-panel")
-    began = time.monotonic()
+    tab.evaluate(  # the page's own account, since a busy machine keeps the test from looking
+        "alarms = []; new MutationObserver(() => alarms.push([alarm.textContent, document.body.className]))"
+        ".observe(alarm = document.getElementById('alarm'), { childList: true })"
+    )
     os.kill(panel, signal.SIGSTOP)
-    tab.wait_for("document.body.classList.contains('stale') && !document.getElementById('alarm').hidden")
-    assert time.monotonic() - began < 0.5 + 0.05
+    text, state = tab.wait_for("!alarm.hidden && alarms[0]")
+    assert re.match(r"Link lost\. These values are 0\.[45] s old", text) and "stale" in state.split(), (text, state)
     assert "cannot stop the robot" in tab.text("#alarm")
     tab.press(" ", "Space")
     assert "NOT SENT" in tab.text("#stop")
