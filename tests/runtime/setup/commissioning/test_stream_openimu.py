@@ -46,7 +46,7 @@ def test_a_unit_is_set_up_shown_and_recorded(command_line):
     assert frames.behaviour(128, "300RI") in unit.heard
     [file] = (command_line.folder / "out").glob("imu_128_*.csv")
     header, *rows = file.read_text().splitlines()
-    assert header.split(",")[2] == "imu_128.accel[0] [m/s^2]" and len(rows) > 20
+    assert header.split(",")[2] == "imu_128.accel[0] [m/s^2]"
     assert [float(x) for x in rows[-1].split(",")[5:8]] == pytest.approx([0.1, 0.2, 0.3], abs=2e-4)
 
 
