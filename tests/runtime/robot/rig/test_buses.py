@@ -23,6 +23,7 @@ from tests.runtime.setup.doctor.machines import PI_4, lay_out
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
 RANGES = '[device."right/knee"]\nrange = [-0.1, 2.0]\n[device."left/knee"]\nrange = [-0.1, 2.0]\n'
 OWN = f"/dev/ttyOf{os.getpid()}"
+UNICAST = f"192.0.2.{os.getpid() % 250 + 1}"  # of this process, so that no other worker of pytest holds it
 CAN0 = RigBus("legs", "socketcan", "can0")
 UP = "sudo ip link set can0 type can bitrate 1000000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up"
 
@@ -130,13 +131,13 @@ def test_bus_controlled_by_another_process_is_reported(opened):
 
 
 def test_interface_that_python_can_cannot_open_is_reported_and_unlocked(command_line):
-    rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
+    rig = write(command_line.folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{UNICAST}"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith(
-        "lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast 192.0.2.1: could not create "
+        f"lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast {UNICAST}: could not create "
         "or configure socket"
     )
-    BusLock("udp_multicast", "192.0.2.1").close()
+    BusLock("udp_multicast", UNICAST).close()
 
 
 def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
@@ -149,12 +150,12 @@ def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
             super().configure(plan)
 
     monkeypatch.setattr("runtime.robot.rig.buses.GuardianProcess", Short)
-    rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
+    rig = write(command_line.folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{UNICAST}"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith(
         "lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed"
     )
-    BusLock("udp_multicast", "192.0.2.1").close()
+    BusLock("udp_multicast", UNICAST).close()
 
 
 @pytest.mark.parametrize(

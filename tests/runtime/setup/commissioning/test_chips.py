@@ -1,6 +1,7 @@
 """`scan` on I2C."""
 
 import json
+import os
 
 import pytest
 
@@ -11,7 +12,8 @@ from runtime.robot.rig.chips import Chips
 from runtime.robot.rig.file import read
 from tests.runtime.robot.rig.wires import Wires, add_mpu
 
-WORDS = ("scan", "--interface", "i2c", "--channel", "/dev/i2c-97")
+CHANNEL = f"/dev/i2c-{os.getpid()}"  # another worker of pytest takes another bus
+WORDS = ("scan", "--interface", "i2c", "--channel", CHANNEL)
 
 
 @pytest.fixture
@@ -29,7 +31,7 @@ def test_every_chip_is_listed_with_its_identification(wires, command_line):
     code, out, err = command_line(*WORDS)
     assert (code, err) == (OK, "")
     assert out.splitlines() == [
-        "bus imus  i2c /dev/i2c-97",
+        f"bus imus  i2c {CHANNEL}",
         "  0x0c        AK8963  (register 0x00 is 0x48)",
         "  0x3c        unknown chip",
         "  0x68        MPU-9250  (register 0x75 is 0x71)",
@@ -44,7 +46,7 @@ def test_scan_writes_a_first_rig_file(wires, command_line):
     code, _, err = command_line(*WORDS, "--write-rig", "new.toml")
     assert code == OK and "written" in err
     text = (command_line.folder / "new.toml").read_text()
-    assert read(command_line.folder / "new.toml").buses["imus"].channel == "/dev/i2c-97"
+    assert read(command_line.folder / "new.toml").buses["imus"].channel == CHANNEL
     assert (
         '# [device."mpu9250_70_4"]\n# address = 0x68\n# mux = 0x70\n# channel = 4\n' in text
         and '# [device."nau7802_2a"]' in text
@@ -64,7 +66,7 @@ def test_silence_is_reported_with_its_likely_cause(monkeypatch, command_line):
 
 
 def test_a_bus_of_a_run_is_not_used(wires, command_line):
-    lock = BusLock("i2c", "/dev/i2c-97")
+    lock = BusLock("i2c", CHANNEL)
     try:
         code, _, err = command_line(*WORDS)
     finally:
@@ -80,5 +82,5 @@ def test_a_bus_that_does_not_exist_is_reported(command_line):
 
 
 def test_drive_tools_reject_an_i2c_bus(command_line):
-    code, _, err = command_line("configure", "3", "--interface", "i2c", "--channel", "/dev/i2c-97", "--read", "all")
+    code, _, err = command_line("configure", "3", "--interface", "i2c", "--channel", CHANNEL, "--read", "all")
     assert code == BAD_INPUT and "TW105" in err and "has no drives" in err

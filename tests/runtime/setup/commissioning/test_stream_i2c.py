@@ -2,6 +2,8 @@
 tests/hardware has real calls.
 """
 
+import os
+
 import pytest
 
 from cext.lines.i2c_memory import MemoryI2c
@@ -13,7 +15,7 @@ from tests.runtime.runs import Listener
 
 pytestmark = pytest.mark.paced
 
-CHANNEL = "/dev/i2c-96"
+CHANNEL = f"/dev/i2c-{os.getpid()}"  # another worker of pytest takes another bus
 
 
 @pytest.fixture
