@@ -75,7 +75,7 @@ def trim(
 ) -> Trim:
     """Find a steady state. Arguments, result and errors: see runtime.trim."""
     need("control", "a steady state")  # which brings SciPy
-    from scipy import optimize
+    optimize = need("scipy.optimize", "a steady state")
 
     for kind, values in (("inputs", inputs), ("outputs", outputs)):
         if not isinstance(values, Mapping):
