@@ -1,4 +1,4 @@
-"""`draw FILE`: draw a diagram as SVG, PNG, Mermaid or an HTML page."""
+"""`draw FILE`: draw a diagram as SVG, PNG, Mermaid or an HTML page, or its robot as URDF."""
 
 from collections.abc import Sequence
 
@@ -19,8 +19,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--format",
         choices=list(FORMATS),
-        help="svg: for papers; png; mermaid: for Markdown; html: an interactive page (default: by the ending of "
-        "NAME, or svg)",
+        help="svg: for papers; png; mermaid: for Markdown; html: an interactive page; urdf: the robot itself, for RViz "
+        "and simulators (default: by the ending of NAME, or svg)",
     )
     parser.add_argument("--all-ports", action="store_true", help="also show unconnected ports")
     parser.add_argument("--whole", action="store_true", help="show the blocks of both sides of a symmetric robot")

@@ -33,7 +33,7 @@ GROUPS = {
         "new": "write a package for a laboratory's own robots and blocks",
         "check": "compile a diagram and report ports, schedule, proofs and buses",
         "analyse": "open a loop of a diagram and print its margins",
-        "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
+        "draw": "draw a diagram: SVG, PNG, Mermaid, an HTML page or URDF",
         "build": "compile your own native blocks",
         "blocks": "list the installed blocks, or describe one",
         "stubs": "write type stubs of your own blocks, for editors",

@@ -1,4 +1,4 @@
-"""Drawings of diagram files as SVG, PNG, Mermaid text or an interactive HTML page."""
+"""Drawings of diagram files as SVG, PNG, Mermaid text, an interactive HTML page, or the robot's URDF."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from runtime.host.console.terminal import program
 from runtime.host.errors import BadInput
 from runtime.host.replaced_file import write
 from runtime.robot.loading.file import call_code_of_blocks, load
+from runtime.robot.loading.urdf import urdf
 
 if TYPE_CHECKING:
     from runtime.robot.loading.overrides import Settings
 
-FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
+FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html", "urdf": ".urdf"}
 BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
 PNG_SIZE_LIMIT = 12_000  # px, of the longer side
 
@@ -44,6 +45,11 @@ def draw_file(
     if rate is not None:
         diagram.rate = rate
     form, target = choose(form, output, diagram.name)
+    if form == "urdf":
+        text = urdf(diagram)
+        if target is not None:
+            _save(target, text.encode())
+        return [text.rstrip("\n") if target is None else f"{target}: {count(text.count('<joint '), 'joint')}"], []
     fold = form in ("svg", "png") and not whole
     drawing = call_code_of_blocks(path, lambda: draw(diagram, all_ports=all_ports, fold=fold, place=place))
     wrong = sum(len(box.wrong) for box in drawing.boxes)
