@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
+from blocks._plumbing.conditions import Code, compile_assignment, compile_condition
 from blocks._plumbing.ports import check_port_names
+from blocks._plumbing.ranges import hull
 from cext.kernels import states as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
+
+INSIDE = ("states", "history", "entry", "exit")  # what a state has besides values of outputs
 
 
 class StateMachine(Block):
@@ -30,23 +35,42 @@ class StateMachine(Block):
     2. the first that is true is taken, and the outputs of the new state apply at once; 3. there is at most one
     transition per tick. The machine starts in the first state, or in `initial`.
 
-    A condition consists of names of inputs, `time_in_state` in s, numbers, `+ - * /`, `abs()`, comparisons, `and`, `or`
-    and `not`. A NaN or infinity at an input changes no state and makes every output NaN, which is a fault at an
-    actuator.
+    A state may contain others, and have actions (a statechart, Harel 1987):
+
+        "walking": {
+            "damping": 1.0,
+            "states": {"stance": {"stiffness": 60.0}, "swing": {"stiffness": 0.0, "damping": 0.4}},
+            "history": True,
+            "entry": {"start": "angle"},
+            "exit": {"walks": "walks + 1"},
+        },
+
+    A value of the outer state applies to those in it that do not state their own. A transition from the outer state
+    leaves it from any inner one, and its `time_in_state` is the time in the outer state. Entering the outer state
+    enters its first inner one, or with `history` the one that was left. `entry` and `exit` set outputs of `holds`, from
+    the innermost state left to the innermost one entered. A transition from a state to itself, or between a state and
+    one inside it, leaves and enters both.
+
+    A condition consists of names of inputs and held outputs, `time_in_state` in s, numbers, `+ - * /`, `abs()`,
+    comparisons, `and`, `or` and `not`. A NaN or infinity at an input changes no state and makes every output NaN, which
+    is a fault at an actuator.
     """
 
     takes = Param({}, "1", "inputs, as {name: unit}", dtype=dict)
     gives = Param({}, "1", "outputs, as {name: unit}", dtype=dict)
+    holds = Param({}, "1", "outputs that actions set, as {name: (unit, value at the start)}", dtype=dict)
     states = Param({}, "1", "states, as {state: {output: value}}", dtype=dict, required=True)
     transitions = Param((), "1", "transitions (from, to, condition), evaluated in this order", dtype=tuple)
     initial = Param("", "1", "initial state; the first by default", dtype=str)
 
-    state = Output("1", "index of the present state, in the order of `states`", dtype=int)
+    state = Output("1", "index of the present state, in the order of those in `states` without inner ones", dtype=int)
     time_in_state = Output("s", "time since the present state was entered")
-    table = Memory(0.0, "from, to, first operation and number of operations of each transition")
-    code = Memory(0.0, "operations of all conditions")
-    values = Memory(0.0, "number of outputs, then their values in each state")
-    current = Memory((0.0, 0.0, 0.0), "state, periods in it, 1 after the first tick")
+    table = Memory(0.0, "from, to, innermost state that remains, and condition of each transition")
+    code = Memory(0.0, "operations of all conditions and actions")
+    nodes = Memory(0.0, "outer state, first inner state, history, index, and actions of each state")
+    values = Memory(0.0, "numbers of constant and held outputs, then values of the former in each state")
+    current = Memory(0.0, "innermost active state, 1 after the first tick, periods and last inner state of each state")
+    held = Memory(0.0, "values of the held outputs")
 
     kernel = kernels.machine
     examples = (
@@ -63,131 +87,141 @@ class StateMachine(Block):
         own = {
             name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
         }
-        check_port_names([*self.inputs, *own], StateMachine.outputs)
-        self.outputs = {**StateMachine.outputs, **own, **type(self).outputs}  # the kernel finds its own first
-        self.names = list(self.states)
-        self.check_states(own)
-        first = self.initial or self.names[0]
-        self.current = (self.index(first, "initial"), 0.0, 0.0)
-        self.values = [len(own), *(float(self.states[state][output]) for state in self.names for output in own)]
-        operations: list[tuple[float, float]] = []
+        kept = {
+            name: Output(unit, f"value of {name} that an action has set").named(name)
+            for name, (unit, _) in self.holds.items()
+        }
+        check_port_names([*self.inputs, *own, *kept], [*StateMachine.outputs, *INSIDE])
+        self.outputs = {**StateMachine.outputs, **own, **kept, **type(self).outputs}  # the kernel finds its own first
+        self.chart = list(flatten(self.states, self.gives))
+        if not self.chart:
+            raise ValueError("a state machine requires at least one state")
+        leaves = [state for state in self.chart if not state.inner]
+        self.names = [state.path for state in leaves]
+        self.values = [len(own), len(kept), *(float(state.values[name]) for state in leaves for name in own)]
+        self.held = [float(value) for _, value in self.holds.values()] or [0.0]
+        self.names_in_conditions = (
+            {name: ("input", place) for place, name in enumerate(self.inputs)}
+            | {name: ("held", place) for place, name in enumerate(kept)}
+            | {"time_in_state": ("elapsed", 0)}
+        )
+        code: Code = []
+        nodes: list[float] = []
+        for state in self.chart:
+            number = leaves.index(state) if state in leaves else -1.0
+            nodes += [state.outer, state.inner[0] if state.inner else -1.0, state.history, number]
+            for actions in (state.entry, state.exit):
+                compiled = self.actions(state, actions)
+                nodes += [len(code), len(compiled)]
+                code += compiled
         table: list[float] = []
         for entry in self.transitions:
             if len(entry) != 3:
                 raise ValueError(f"a transition must be (from, to, condition), got {entry!r}")
-            source, target, condition = entry
-            code = compile_condition(condition, list(self.inputs))
-            table += [self.index(source, condition), self.index(target, condition), len(operations), len(code)]
-            operations += code
-        self.table = table or [-1.0, 0.0, 0.0, 0.0]
-        self.code = [number for operation in operations for number in operation] or [0.0, 0.0]
+            source, target = (self.index(name, entry[2]) for name in entry[:2])
+            compiled = compile_condition(entry[2], self.names_in_conditions)
+            table += [source, target, self.scope(source, target), len(code), len(compiled)]
+            code += compiled
+        first = self.index(self.initial, "initial") if self.initial else 0
+        while self.chart[first].inner:
+            first = self.chart[first].inner[0]
+        self.nodes, self.table = nodes, table or [0.0]
+        self.current = [first, 0.0, *[-1.0, -1.0] * len(self.chart)]
+        self.code = [number for operation in code for number in operation] or [0.0, 0.0]
 
-    def check_states(self, outputs: dict[str, Output]) -> None:
-        """Raise ValueError unless each state has a value for each output, and for nothing else."""
-        if not self.states:
-            raise ValueError("a state machine requires at least one state")
-        for state, values in self.states.items():
-            missing, unknown = set(outputs) - set(values), set(values) - set(outputs)
+    def actions(self, state: State, actions: dict[str, Any]) -> Code:
+        """Return the operations of the actions of a state. Raises ValueError for an output that is not held."""
+        code: Code = []
+        for name, expression in actions.items():
+            if name not in self.holds:
+                raise ValueError(
+                    f"state {state.name!r}: an action sets {name!r}, which `holds` does not have "
+                    f"({', '.join(self.holds) or 'none'})"
+                )
+            code += compile_assignment(str(expression), list(self.holds).index(name), self.names_in_conditions)
+        return code
+
+    def index(self, name: str, where: str) -> int:
+        """Return the index of a state in the chart. where : transition that names it, for the message
+
+        Raises ValueError for an unknown state.
+        """
+        names = [state.name for state in self.chart]
+        if name not in names:
+            raise ValueError(f"{where!r}: there is no state {name!r}. The states are {', '.join(names)}")
+        return names.index(name)
+
+    def scope(self, source: int, target: int) -> int:
+        """Return the innermost state around both states of a transition, -1 for none."""
+        around = set(self.around(source))
+        return next((state for state in self.around(target) if state in around), -1)
+
+    def around(self, state: int) -> Iterator[int]:
+        """Yield the states around a state, the innermost first."""
+        while (state := self.chart[state].outer) >= 0:
+            yield state
+
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
+        leaves = [state for state in self.chart if not state.inner]
+        ranges = {"state": Interval(0.0, len(leaves) - 1.0), "time_in_state": Interval(0.0)}
+        for output in self.gives:
+            ranges[output] = hull(Interval.point(float(state.values[output])) for state in leaves)
+        actions = [each for state in self.chart for each in (state.entry, state.exit)]
+        for output, (_, start) in self.holds.items():
+            values = [start, *(each[output] for each in actions if output in each)]
+            if all(isinstance(value, (int, float)) for value in values):
+                ranges[output] = hull(Interval.point(float(value)) for value in values)
+        return ranges
+
+
+@dataclass(frozen=True)
+class State:
+    """State of a machine. outer : index of the state around it, -1 for none; inner : indices of those directly in it
+
+    values : of the constant outputs, its own and those of the states around it
+    """
+
+    name: str
+    path: str
+    outer: int
+    inner: tuple[int, ...]
+    values: dict[str, float]
+    history: bool
+    entry: dict[str, Any]
+    exit: dict[str, Any]
+
+
+def flatten(states: dict[str, Any], gives: Iterable[str]) -> list[State]:
+    """Return the states, each before those in it. Raises ValueError for a name or a value that is wrong."""
+    found: list[State] = []
+
+    def add(states: dict[str, Any], outer: int, path: str, values: dict[str, float], level: int) -> tuple[int, ...]:
+        if level > kernels.NESTING:
+            raise ValueError(f"states {path!r}: they are nested in more than {kernels.NESTING} levels")
+        added: list[int] = []
+        for name, content in states.items():
+            if name in [state.name for state in found]:
+                raise ValueError(f"there are two states {name!r}: each needs a name of its own, in any state")
+            own = values | {key: value for key, value in content.items() if key not in INSIDE}
+            place, inside = len(found), content.get("states", {})
+            added.append(place)
+            more = content.get("history", False), content.get("entry", {}), content.get("exit", {})
+            found.append(State(name, f"{path}{name}", outer, (), own, *more))
+            if inside:
+                inner = add(inside, place, f"{path}{name}.", own, level + 1)
+                found[place] = replace(found[place], inner=inner)
+            missing = () if inside else set(gives) - set(own)
+            unknown = set(own) - set(gives)
             if missing or unknown:
                 problem = (
                     f"has no value for {sorted(missing)[0]}"
                     if missing
-                    else (f"has a value for {sorted(unknown)[0]}, which is not an output")
+                    else f"has a value for {sorted(unknown)[0]}, which is not an output"
                 )
                 raise ValueError(
-                    f"state {state!r} {problem}. "
-                    f"Each state needs a value for each of {', '.join(outputs) or 'no outputs'}"
+                    f"state {name!r} {problem}. Each state needs a value for each of {', '.join(gives) or 'no outputs'}"
                 )
+        return tuple(added)
 
-    def index(self, state: str, where: str) -> float:
-        """Return the number of a state. where : transition that names it, for the message
-
-        Raises ValueError for an unknown state.
-        """
-        if state not in self.names:
-            raise ValueError(f"{where!r}: there is no state {state!r}. The states are {', '.join(self.names)}")
-        return float(self.names.index(state))
-
-    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
-        ranges = {"state": Interval(0.0, len(self.names) - 1.0), "time_in_state": Interval(0.0)}
-        for output in self.gives:
-            values = [float(self.states[state][output]) for state in self.names]
-            ranges[output] = Interval(min(values), max(values))
-        return ranges
-
-
-_BINARY: dict[object, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_COMPARE: dict[object, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-
-
-def compile_condition(text: str, inputs: Sequence[str]) -> list[tuple[float, float]]:
-    """Compile a condition to a list of (operation, operand) for the kernel's stack.
-
-    ValueError for an invalid condition. inputs : names of the inputs
-    """
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, AttributeError):
-        raise ValueError(f"the condition {text!r} is not an expression") from None
-    code: list[tuple[float, float]] = []
-
-    def emit(name: str, operand: float = 0.0) -> None:
-        code.append((float(kernels.OPERATIONS[name]), float(operand)))
-
-    def visit(node: ast.expr) -> None:
-        match node:
-            case ast.Constant(value=bool() | int() | float() as value):
-                emit("constant", value)
-            case ast.Name(id="time_in_state"):
-                emit("elapsed")
-            case ast.Name() if node.id in inputs:
-                emit("input", inputs.index(node.id))
-            case ast.Name():
-                raise ValueError(
-                    f"the condition {text!r} uses {node.id!r}, which is not an input "
-                    f"({', '.join([*inputs, 'time_in_state'])})"
-                )
-            case ast.UnaryOp(op=ast.USub()):
-                visit(node.operand)
-                emit("negate")
-            case ast.UnaryOp(op=ast.Not()):
-                visit(node.operand)
-                emit("not")
-            case ast.BinOp() if type(node.op) in _BINARY:
-                visit(node.left)
-                visit(node.right)
-                emit(_BINARY[type(node.op)])
-            case ast.BoolOp():
-                visit(node.values[0])
-                for value in node.values[1:]:
-                    visit(value)
-                    emit("and" if isinstance(node.op, ast.And) else "or")
-            case ast.Compare() if all(type(op) in _COMPARE for op in node.ops):
-                for number, (left, op, right) in enumerate(
-                    zip([node.left, *node.comparators], node.ops, node.comparators)
-                ):
-                    visit(left)
-                    visit(right)
-                    emit(_COMPARE[type(op)])
-                    if number:
-                        emit("and")
-            case ast.Call(func=ast.Name(id="abs"), args=[argument], keywords=[]):
-                visit(argument)
-                emit("abs")
-            case _:
-                raise ValueError(
-                    f"the condition {text!r} uses {ast.unparse(node)!r}: only names, numbers, + - * /, "
-                    "abs(), comparisons, and, or, not"
-                )
-
-    visit(tree)
-    depth = deepest = 0
-    for operation, _ in code:
-        depth += 1 if operation <= kernels.OPERATIONS["elapsed"] else 0 if operation in _UNARY else -1
-        deepest = max(deepest, depth)
-    if deepest > kernels.STACK_DEPTH:
-        raise ValueError(f"the condition {text!r} is nested too deeply. Divide it between two states")
-    return code
-
-
-_UNARY = {kernels.OPERATIONS[name] for name in ("negate", "abs", "not")}
+    add(states, -1, "", {}, 1)
+    return found

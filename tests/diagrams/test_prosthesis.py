@@ -1,5 +1,7 @@
 """The prosthetic knee and ankle in virtual time: walking on both controllers, weight in swing, the simulated leg."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -75,7 +77,8 @@ def test_weight_on_the_foot_ends_a_swing(swing):
     """As after a stumble: the knee is stiff again one tick after the load."""
     machine = load(ROBOT)[1]["left/machine"]
     unloaded = {"load": 0.0, "ankle": 0.0, "ankle_velocity": 0.0, "knee": 0.3, "knee_velocity": 1.0}
-    machine.current = (float(swing), 40.0, 1.0)
+    periods = [(40.0 if state == swing else -1.0, -1.0) for state in range(len(machine.names))]
+    machine.current = [swing, 1.0, *itertools.chain(*periods)]
     before, after = (dict(zip(machine.outputs, machine.step(**unloaded | {"load": load}))) for load in (0.0, 0.5))
     assert before["state"] == swing and before["knee_stiffness"] < 60.0
     assert after["state"] == EARLY_STANCE and after["knee_stiffness"] > 100.0
