@@ -6,10 +6,12 @@ import binascii
 import random
 import struct
 
+import numpy as np
 import pytest
 
 from blocks.sensors import Insole, Microcontroller
 from graph import DiagramError
+from runtime.setup.commissioning.guided.sensors import jumps_of
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.sensors.test_insole import frame
 from tests.blocks.sensors.test_microcontroller import packet
@@ -116,6 +118,31 @@ def test_insole_sends_microseconds_if_configured():
             for at in range(0, len(data), 64):
                 wired.hear(0, bytes(data[at : at + 64]), time=round(came * 1e9))
         assert wired["received"] == 101 and wired["sample_time"] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize(
+    ("jump", "words"),
+    [
+        (lambda t: 0.0, ""),
+        (lambda t: 1e-4 * t, ""),
+        (lambda t: -0.3 * (t > 3.0), "backwards"),
+        (lambda t: -0.05 * int(t), "backwards"),
+        (lambda t: -2.0 * (2.0 < t < 2.5), "backwards"),
+        (lambda t: 0.2 * (t > 2.5), "or jump"),
+        (lambda t: 0.05 * int(t), "or jump"),
+    ],
+    ids=["healthy", "drifts", "once back", "back each second", "back and forth", "once ahead", "ahead each second"],
+)
+def test_jumping_time_stamps_are_named_when_a_sensor_is_commissioned(jump, words, microcontrollers):
+    wired, chance, drift = microcontrollers(), random.Random(5), []
+    for number in range(600):
+        t = number / 100
+        late = DELAY + (0.02 if chance.random() < 0.05 else chance.expovariate(1.0) * 0.002)
+        hear(wired, number, round((50.0 + t + jump(t)) * 1e6), 5.0 + t + late)
+        drift.append(wired["clock_drift"])
+    found = jumps_of(np.array(drift))
+    assert words in found and bool(words) == bool(found), found
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,7 @@ def drive(bench: Bench, block: Any, lever: Lever, silence: float = 0.0) -> tuple
 
 def lever_diagram(
     block: Any, lever: Lever, silence: float, kind: type[LeverProbe] = LeverProbe, **own: Any
-) -> tuple[Diagram, LeverProbe]:
+) -> tuple[Diagram, Any]:
     """Return (Diagram, its LeverProbe) of one drive. kind : of the probe; own : its other parameters"""
     limit = limit_of(block)
     wanted = min(USED_SHARE / LIMIT_SHARE * limit, STEEPEST * lever.torque)

@@ -35,8 +35,8 @@ def pose(bench: Bench, block: Any, given: Given) -> Result:
 def encoder_of(bench: Bench, block: Any) -> Any:
     """Return the MagneticEncoder of a joint: its `reference`, or the only one in its subsystem; None without one."""
     encoders = [each for each in bench.diagram if isinstance(each, MagneticEncoder)]
-    if block.reference:
-        return next((each for each in encoders if block.reference == f"{each.path}.position"), None)
+    if reference := getattr(block, "reference", ""):
+        return next((each for each in encoders if reference == f"{each.path}.position"), None)
     folder = block.path.rpartition("/")[0]
     near = [each for each in encoders if each.path.rpartition("/")[0] == folder]
     return near[0] if len(near) == 1 and len(bench.drives) == 1 or folder and len(near) == 1 else None

@@ -11,7 +11,7 @@ import numpy as np
 from graph import Block, Diagram, Input
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask
 from runtime.setup.commissioning.guided.driven import run_on_rig
-from runtime.setup.commissioning.guided.sensors import SENSOR_TIMEOUT, copied
+from runtime.setup.commissioning.guided.sensors import SENSOR_TIMEOUT, copied, jumps_of
 
 STEP_TIME, FIRST_TIME = 8.0, 0.5  # s of the reading, and of its beginning, in which the foot is in the air
 LOADED = 150.0  # N, by which the force rises when the wearer steps on an insole
@@ -34,6 +34,7 @@ class Loading:
     corrupt: float
     dead: float
     first: int  # samples in the air
+    drift: np.ndarray | None = None  # (n,), relative slowness of the sender's clock; None without one
 
     @property
     def rise(self) -> float:
@@ -50,12 +51,13 @@ class InsoleSamples(Block):
     lost = Input("1", "number of missing frames")
     corrupt = Input("1", "number of wrong frames")
     dead = Input("1", "number of dead cells")
+    clock_drift = Input("1", "relative slowness of the sender's clock")
 
     def reset(self):
         self.rows = []
 
-    def step(self, force, centre, received, lost, corrupt, dead):
-        self.rows.append((force, centre[0], received, lost, corrupt, dead))
+    def step(self, force, centre, received, lost, corrupt, dead, clock_drift):
+        self.rows.append((force, centre[0], received, lost, corrupt, dead, clock_drift))
 
 
 def read(bench: Bench, seconds: float) -> dict[str, Loading]:
@@ -71,19 +73,20 @@ def read(bench: Bench, seconds: float) -> dict[str, Loading]:
         outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
         if not outcome.faulted:
             first = math.ceil(FIRST_TIME * diagram.rate)
-            cells = {block.path: block.rows * block.columns for block in insoles}
-            return {path: loading_of(samples.rows, cells[path], first) for path, samples in kept.items()}
+            return {block.path: loading_of(kept[block.path].rows, block, first) for block in insoles}
         missing = {*outcome.unanswered} or {outcome.culprit or insoles[0].path}
         insoles = [block for block in insoles if block.path not in missing]
     return {}
 
 
-def loading_of(rows: list[tuple[float, ...]], cells: int, first: int) -> Loading:
-    """Return the Loading of the rows of InsoleSamples. cells : of the insole; first : samples in the air"""
-    force, forward, received, lost, corrupt, dead = np.array(rows).T
+def loading_of(rows: list[tuple[float, ...]], block: Any, first: int) -> Loading:
+    """Return the Loading of the rows of InsoleSamples of an Insole. first : samples in the air"""
+    force, forward, received, lost, corrupt, dead, drift = np.array(rows).T
     new, gone, wrong = (float(each[-1] - each[0]) for each in (received, lost, corrupt))
     frames = max(1.0, new + gone + wrong)
-    return Loading(force, forward, gone / frames, wrong / frames, float(dead[-1]) / cells, first)
+    cells = block.rows * block.columns
+    stamped = drift if block.clock else None
+    return Loading(force, forward, gone / frames, wrong / frames, float(dead[-1]) / cells, first, stamped)
 
 
 def load(bench: Bench, block: Any, given: Given) -> Result:
@@ -111,6 +114,8 @@ def load_of(path: str, loadings: dict[str, Loading]) -> Result:
         result.find("corrupt frames", f"{own.corrupt:.0%} of the frames have a wrong checksum or size")
     elif own.lost > LOST_SHARE:
         result.find("drop-outs", f"{own.lost:.0%} of the frames did not arrive: check the network and the battery")
+    if jumps := jumps_of(own.drift):
+        result.find("time stamps", f"{jumps}: check the clock of its sender")
     if own.dead > DEAD_SHARE:
         result.find("dead cells", f"{own.dead:.0%} of the cells are missing or broken: replace the insole")
     others = [name for name, rise in rises.items() if name != path and rise > LOADED]

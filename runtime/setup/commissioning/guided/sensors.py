@@ -29,6 +29,7 @@ AXES_TOLERANCE = 0.25  # rad, between the specific force and where the angular r
 SCALES = (0.5, 2.0, 0.25, 4.0, 0.125, 8.0)  # between full scales of one sensor
 RINGING, RINGING_SHARE = 0.4, 0.5  # rad/s, and share of the slow part: oscillation of a sensor on its segment
 RINGING_TIME, SMOOTH_TIME = 0.5, 0.1  # s over which it is measured, and within which a hand does not turn to and fro
+DRIFT = 0.01  # of a clock, beyond which it jumps: crystals stay below 0.0001, and late samples shift it a little
 LOOSE = 0.07  # rad, between the specific force before and after a segment was bent and returned
 SENSOR_TIMEOUT = 1.0  # s without a sample that ends a reading
 
@@ -42,6 +43,7 @@ class Motion:
     gyro: np.ndarray
     age: np.ndarray
     rate: float = math.nan  # Hz, of a sensor that counts its samples
+    drift: np.ndarray | None = None  # (n,), relative slowness of its clock; None without time stamps
 
 
 class Samples(Block):
@@ -51,17 +53,20 @@ class Samples(Block):
     gyro = Input("rad/s", "angular rate", shape=(3,))
     age = Input("s", "time since the newest sample arrived")
     rate = Input("Hz", "number of samples in the previous second", default=math.nan)
+    drift = Input("1", "relative slowness of the sensor's clock", default=math.nan)
 
     def reset(self):
         self.rows = []
 
-    def step(self, accel, gyro, age, rate, t):
-        self.rows.append((t, *accel, *gyro, age, rate))
+    def step(self, accel, gyro, age, rate, drift, t):
+        self.rows.append((t, *accel, *gyro, age, rate, drift))
 
     def motion(self) -> Motion:
         """Return the samples as a Motion."""
-        rows = np.array(self.rows).reshape(-1, 9)
-        return Motion(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7], float(rows[-1, 8]) if len(rows) else math.nan)
+        rows = np.array(self.rows).reshape(-1, 10)
+        rate, drift = (rows[-1, 8], rows[:, 9]) if len(rows) else (math.nan, rows[:, 9])
+        stamped = None if np.isnan(drift).any() else drift
+        return Motion(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7], float(rate), stamped)
 
 
 def read(bench: Bench, seconds: float) -> dict[str, Motion]:
@@ -83,8 +88,9 @@ def read_those(bench: Bench, sensors: list[Any], seconds: float) -> tuple[dict[s
             sensor = copied(block, timeout=SENSOR_TIMEOUT)
             kept[block.path] = Samples(name=f"samples_of_{block.path.replace('/', '_')}")
             kept[block.path](accel=sensor.accel, gyro=sensor.gyro, age=sensor.age)
-            if "measured_rate" in sensor.outputs:
-                kept[block.path](rate=sensor.measured_rate)
+            for name, port in (("rate", "measured_rate"), ("drift", "clock_drift")):
+                if port in sensor.outputs:
+                    kept[block.path](**{name: getattr(sensor, port)})
     outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
     if outcome.faulted:
         return {}, {*outcome.unanswered} or {outcome.culprit or sensors[0].path}
@@ -156,6 +162,8 @@ def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Resul
     if path not in out or path not in back:
         result.find("silent", "the sensor does not respond")
         return result
+    if jumps := jumps_of(out[path].drift) or jumps_of(back[path].drift):
+        result.find("time stamps", f"{jumps}: update its firmware, or check its clock and its supply")
     turned = {name: between(pose(motion, 0), pose(motion, -1)) for name, motion in out.items()}
     result.measured["turned"] = turned[path]
     result.says.append(f"turned by {math.degrees(turned[path]):.0f}°")
@@ -200,6 +208,22 @@ def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Resul
             "repeat with --again bend",
         )
     return result
+
+
+def jumps_of(drift: np.ndarray | None) -> str:
+    """Return what shows that the time stamps of a device jump, "" if nothing does.
+
+    drift : (n,), output clock_drift over 5.5 s or more; None without time stamps. A stamp before the newest one begins
+        the map of the clock again, which has no drift for 4 s; one ahead of its arrival bends it
+    """
+    if drift is None:
+        return ""
+    known = drift != 0.0
+    restarts = int(np.sum(known[:-1] & ~known[1:]))
+    if restarts or not known[-1]:
+        return "its time stamps jump backwards"
+    most = float(np.abs(drift).max())
+    return f"its time stamps and their arrival drift apart by {most:.1%}, or jump" if most > DRIFT else ""
 
 
 def pose(motion: Motion, end: int) -> np.ndarray:

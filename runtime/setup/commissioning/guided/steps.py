@@ -83,6 +83,7 @@ STEPS = (
     Step("law", "encoded ranges of stiffness and damping", LEVER, law.law, driven=True),
     Step("silence", "its own stop when frames stop", LEVER, driven.silence, driven=True),
     Step("stops", "time to no torque after each way to end a run", LEVER, stops.stops, driven=True, on_request=True),
+    Step("supply", "supply voltage without and with load", LEVER, stops.supply, driven=True, on_request=True),
     Step("dynamics", "friction, inertia and feel", SWINGS, dynamics.dynamics, driven=True, on_request=True),
     Step("home", "place of a stop", HOMING, home.home, driven=True, on_request=True),
 )

@@ -1,8 +1,8 @@
-"""Step of the stops: how soon a drive that holds a lever is without torque after each way to end a run.
+"""Steps in which a drive holds a lever for a while: the ways to end a run, and the supply under load.
 
-The run is a process of its own, which `kill -9` can end. This one only listens to the bus: it measures the time from
-the signal to the first reply without torque. What it cannot see, the operator says, and the record states which is
-which. Nothing counts that was not looked at.
+`stops` measures how soon the drive is without torque after each way to end a run. The run is a process of its own,
+which `kill -9` can end. This one only listens to the bus: it measures the time from the signal to the first reply
+without torque. What it cannot see, the operator says, and the record states which is which.
 """
 
 from __future__ import annotations
@@ -27,16 +27,18 @@ from runtime.host.machine.probe import Machine
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import SHARED, SocketCanWire
 from runtime.robot.rig.tool_bus import ToolBus
-from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask
+from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask, number
 from runtime.setup.commissioning.guided.driven import (
     NO_LEVER,
     RATE,
     Lever,
     LeverProbe,
+    failed,
     lever_diagram,
     lever_of,
     run_on_rig,
 )
+from runtime.setup.commissioning.guided.passive import supply_of
 
 HELD_TIME, SETTLE_TIME = 20.0, 0.5  # s for which the run holds the lever, and after which it is held
 WITHOUT_TORQUE = 0.3  # of the torque or current that held the lever, below which a drive counts as without torque
@@ -44,6 +46,7 @@ STOP_LIMIT = 0.2  # s from a signal to no torque, after which a run reports a dr
 LISTEN_TIME = 2.0  # s after a signal
 GONE_TIME = 0.1  # s without a reply of a drive whose cable is out
 POLL_TIME = 0.001  # s between two looks at the bus
+SAG_LIMIT, OWN_TOLERANCE = 0.03, 0.05  # of the supply at rest: fall under load; difference of the drive's own reading
 END_TIME = 60.0  # s for a connector to be put back, and a run to end
 SIGNALS = {"ctrl_c": ("Ctrl-C", signal.SIGINT), "kill": ("kill -9", signal.SIGKILL)}
 NOT_DONE = "not done"
@@ -52,7 +55,7 @@ NOT_DONE = "not done"
 class HoldProbe(LeverProbe):
     """LeverProbe that holds the lever for HELD_TIME in the positive direction, and reports when it does."""
 
-    pipe = Param(-1, "1", "descriptor to which it writes once it holds the lever")
+    pipe = Param(-1, "1", "descriptor to which it writes once it holds the lever; -1: none")
 
     def configure(self) -> None:
         super().configure()
@@ -66,7 +69,8 @@ class HoldProbe(LeverProbe):
     def step(self, position, velocity, reported, t):
         if t > self.ends[1] + SETTLE_TIME and not self.reported_hold:
             self.reported_hold = True
-            os.write(self.pipe, b"h")
+            if self.pipe >= 0:
+                os.write(self.pipe, b"h")
         torque, current, over = super().step(position, velocity, reported, t)
         return torque, current, over or os.getppid() != self.parent
 
@@ -87,8 +91,9 @@ class Listener(ToolBus):
         time.sleep(POLL_TIME)
         arrived = self.arrivals()
         self.stops += [at for frame, at in arrived if frame in self.stop_frames]
-        found = ((at, self.read(*frame)) for frame, at in arrived)
-        return [(at, each.current if each.torque is None else each.torque) for at, each in found if each is not None]
+        found = [(at, answer) for frame, at in arrived if (answer := self.read(*frame)) is not None]
+        values = [(at, each.current if each.torque is None else each.torque) for at, each in found]
+        return [(at, value) for at, value in values if value is not None]
 
     def while_held(self, pipe: int) -> list[tuple[float, float]]:
         """Return the newest `loads` of a run once it holds the lever; [] for one that ended before."""
@@ -112,9 +117,9 @@ def stops(bench: Bench, block: Any, given: Given) -> Result:
     if bus.interface not in SHARED:
         return Result([f"{bus.interface} has one controller: a run on it cannot be listened to"], done=False)
     result = Result()
-    for name, (text, number) in SIGNALS.items():
+    for name, (text, kill) in SIGNALS.items():
         if not ask(f"{text}: press Enter, then Enter once more to arm (s: leave it out)"):
-            time_after(bench, block, lever, result, name, text, number)
+            time_after(bench, block, lever, result, name, text, kill)
         else:
             result.says.append(f"{text}: {NOT_DONE}")
     cable(bench, block, lever, result)
@@ -127,16 +132,56 @@ def stops(bench: Bench, block: Any, given: Given) -> Result:
     return result
 
 
+def supply(bench: Bench, block: Any, given: Given) -> Result:
+    """Compare the supply of a drive at rest with that while it holds a lever, which the operator reads from a meter."""
+    lever = lever_of(block, given)
+    if lever is None:
+        return Result([NO_LEVER], done=False)
+    rest = number("Connect a voltmeter at the plug of the drive. Its reading at rest in V (empty: no meter)")
+    if rest is None:
+        return Result([f"supply under load: {NOT_DONE}"], done=False)
+    bench.take()
+    own = supply_of(bench, block)
+    diagram, probe = lever_diagram(block, lever, 0.0, HoldProbe)
+    print_lines([f"  > Read the meter while the lever is held, for {HELD_TIME:.0f} s"])
+    run = run_on_rig(bench, diagram, math.ceil(probe.side_time * RATE))
+    if not probe.reported_hold:
+        return failed(Result(), block, run)
+    loaded = number("Reading while the lever was held in V (empty: not read)")
+    return supply_under(rest, loaded, own, probe.wanted)
+
+
+def supply_under(rest: float, loaded: float | None, own: float | None, torque: float) -> Result:
+    """Compare readings of a meter. rest, loaded : V; own : V, that the drive reports at rest; torque : N·m"""
+    if loaded is None:
+        return Result([f"supply under load: {NOT_DONE}"], {"supply_at_rest": rest}, done=False)
+    sag = (rest - loaded) / rest
+    result = Result(measured={"supply_at_rest": rest, "supply_loaded": loaded, "sag": sag})
+    result.says.append(
+        f"operator says: {rest:g} V at rest, {loaded:g} V with {torque:.2g} N·m, which is {sag:.1%} less"
+        + (f"; the drive reports {own:.1f} V at rest" if own is not None else "")
+    )
+    if sag > SAG_LIMIT:
+        result.find(
+            "sag of the supply",
+            f"with {torque:.2g} N·m the supply falls from {rest:g} to {loaded:g} V, by {sag:.1%}: check fuse, plugs, "
+            "cable and battery",
+        )
+    if own is not None and abs(own - rest) > OWN_TOLERANCE * rest:
+        result.find("supply voltage", f"the drive reports {own:.1f} V, and the meter {rest:g} V: check plugs and cable")
+    return result
+
+
 def time_after(
     bench: Bench, block: Any, lever: Lever, result: Result, name: str, text: str, number: signal.Signals
 ) -> None:
     """Send a signal to a run that holds the lever, and note the time to no torque."""
     with held(bench, block, lever) as (process, pipe), Listener(bench, block) as listener:
         before = listener.while_held(pipe)
-        if not before:
-            result.says.append(f"{text}: {NOT_DONE}, the run ended before it held the lever")
+        load = sum(load for _, load in before[-20:]) / max(1, len(before[-20:]))
+        if not load:
+            result.says.append(f"{text}: {NOT_DONE}, the run ended before, or the drive reported no torque")
             return
-        load = sum(load for _, load in before[-20:]) / len(before[-20:])
         sent, after = time.monotonic(), []
         os.kill(process.pid, number)
         while time.monotonic() < sent + LISTEN_TIME and not after:

@@ -268,6 +268,8 @@ class Operator:
             self.bench.plant.send_signal(signal.SIGCONT)
         elif "Did the lever fall" in line:
             self.press("y")
+        elif "reading at rest" in line or "Reading while" in line:
+            self.press("24" if "at rest" in line else "22.8")
         elif "cut the power" in line:
             self.press()
         elif "Distance from the axis" in line:

@@ -114,6 +114,16 @@ def test_stops_are_measured_or_said_by_the_operator_or_not_done(tmp_path, drive)
 
 
 @pytest.mark.soak
+def test_a_supply_that_sags_under_5_percent_of_the_rated_torque_is_named(tmp_path):
+    with Benched(tmp_path, 129, {"knee": ("CubeMars", "AK80-9", 3, {}, {})}) as bench:
+        ready(bench, "knee")
+        code, shown = bench.commission("--only", "supply")
+        step = bench.records()["knee"].steps["supply"]
+        assert code == 1 and [name for name, _ in step.findings] == ["sag of the supply"], shown
+        assert step.measured["sag"] == pytest.approx(0.05) and 0.0 < bench.torque("knee") <= 0.05 * 9.0
+
+
+@pytest.mark.soak
 @pytest.mark.parametrize("slip, offset, finding", [(0.0, 0.0, None), (0.1, 0.0, "slip"), (0.0, 0.4, "zero")])
 def test_a_joint_is_compared_with_its_encoder(tmp_path, slip, offset, finding):
     drives = {"knee": ("CubeMars", "AK80-9", 3, {"encoder": slip, "offset": offset}, {})}

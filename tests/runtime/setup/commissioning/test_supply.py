@@ -7,6 +7,7 @@ import pytest
 from runtime.robot.rig.battery import Battery
 from runtime.setup.commissioning.guided.bench import Result
 from runtime.setup.commissioning.guided.passive import compare_supply
+from runtime.setup.commissioning.guided.stops import supply_under
 
 BATTERY = Battery(voltage=44.4, capacity=5.0, full_voltage=50.4)
 
@@ -28,3 +29,19 @@ def test_a_supply_that_is_not_the_model_s_or_the_battery_s_is_named(voltage, bat
     compare_supply(result, SimpleNamespace(spec=SimpleNamespace(supply=(24, 60))), battery, voltage)
     assert [name for name, _ in result.findings] == ["supply voltage"] * found
     assert result.measured == {"supply": voltage}
+
+
+@pytest.mark.parametrize(
+    "loaded, own, found, done",
+    [
+        (23.9, None, [], True),
+        (23.9, 23.8, [], True),
+        (22.8, None, ["sag of the supply"], True),
+        (23.9, 21.0, ["supply voltage"], True),
+        (None, 24.0, [], False),
+    ],
+)
+def test_a_supply_under_load_is_what_the_operator_has_read(loaded, own, found, done):
+    result = supply_under(24.0, loaded, own, 0.3)
+    assert [name for name, _ in result.findings] == found and result.done == done
+    assert ("operator says" in result.says[0]) == done and ("not done" in result.says[0]) != done
