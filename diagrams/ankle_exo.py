@@ -81,7 +81,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
             with subsystem(side):
                 torque = Max(name="bounded")(torques[number], bounds[side]) * loads[side]
                 ankle = drive(side, "ankle", number + 1, models[side], limit="peak", gear_ratio=TRANSMISSION)
-                assist(ankle, torque, walking, leg, limit=limit, slew=2000.0)
+                assist(ankle, torque, walking, leg, limit=limit, slew=2000.0, uncertainty=leg.uncertainty)
         placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
         ordered(walking, thigh=thighs, shank=shanks)

@@ -35,7 +35,7 @@ def build(assistance=1.0):
                     profile = TorqueProfile(points, scale=assistance, name=f"{joint}_profile")
                     torque = profile(phase=leg.phase, enable=leg.walking)
                     drives[joint][side] = drive(side, joint, can_id)
-                    assist(drives[joint][side], torque, walking, leg, slew=200.0)
+                    assist(drives[joint][side], torque, walking, leg, slew=200.0, uncertainty=leg.uncertainty)
         loads = {side: sole.load for side, sole in soles.items()}
         placed("thigh IMUs", rates(thighs), "hip drives", rates(drives["hip"]))
         placed("shank IMUs", rates(shanks), "knee drives", rates(drives["knee"]), opposite=True, enable=walking)

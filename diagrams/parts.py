@@ -12,6 +12,7 @@ from blocks.actuators import Actuator
 from blocks.filters import Complementary
 from blocks.gait import (
     BiologicalTorque,
+    CirclePhase,
     ContactEvents,
     GaitState,
     PhaseKalmanFilter,
@@ -23,14 +24,13 @@ from blocks.gait import (
 )
 from blocks.imus import MicroStrain
 from blocks.limiters import Saturation, TorqueLimiter
-from blocks.logic import Compare
 from blocks.mathematics import Gain, Sum
 from blocks.networks import OnnxModel
 from blocks.recorders import StrideReport
 from blocks.sensors import Insole
 from blocks.trigonometry import Atan2
-from blocks.vectors import Norm, Select
-from graph import Signal, stack, subsystem
+from blocks.vectors import Select
+from graph import Signal, subsystem
 
 SIDES = ("left", "right")
 SEGMENTS = ("thigh", "shank", "foot")
@@ -139,10 +139,9 @@ def learned_gait(thighs, shanks=None):
     gaits = {}
     for side, circle in estimate("gait_phase", thighs).items():
         with subsystem(side):
-            turn = Atan2(name="turn")(-circle.phase_sin, -circle.phase_cos)  # -π at heel strike
-            phase = Sum("++", name="gait_phase")(Gain(0.5 / pi, unit="1/rad", name="share")(turn), 0.5)
-            walking = Compare(">", name="walking")(Norm()(stack(circle.phase_sin, circle.phase_cos)), 0.5)
-            gaits[side] = Gait(phase, walking, thighs[side].velocity, shanks and shanks[side].velocity)
+            leg = CirclePhase(name="gait_phase")(cosine=circle.phase_cos, sine=circle.phase_sin)
+            shank = shanks and shanks[side].velocity
+            gaits[side] = Gait(leg.phase, leg.walking, thighs[side].velocity, shank, leg.uncertainty)
     return gaits
 
 

@@ -90,7 +90,9 @@ class GaitPhase(Block):
     `elapsed` is the time since the last event; 4. `walking` is true from the third event until one and a half strides
     pass without an event; 5. after a stop the mean stride time is kept: `walking` is true again when the knee has
     extended after a swing that lasted as usual within 40 %, or after one stride that differs from the mean by less than
-    a quarter. Direct feedthrough. NaN or infinity in the angle or its velocity gives a NaN phase and is not stored.
+    a quarter; 6. `uncertainty` is the RMS difference of the last strides from the mean, each with a weight of 20 %, at
+    least 5 % after a stop; it rises while an event is overdue. Direct feedthrough. NaN or infinity in the angle or its
+    velocity gives a NaN phase and is not stored.
     """
 
     rules = ("shortest < longest",)
@@ -106,11 +108,13 @@ class GaitPhase(Block):
     walking = Output("1", "true while the phase is known", dtype=bool, range=(0.0, 1.0))
     stride_time = Output("s", "mean stride time, 0 while unknown")
     strides = Output("1", "number of events since the start, one per stride", dtype=int)
+    uncertainty = Output("1", "standard deviation of the phase, as a fraction of a stride", range=(0.0, 0.3))
     elapsed = Memory(math.inf, "time in s since the last event")
     armed = Memory(0.0, "1 if the knee has been extended since")
     mean = Memory(0.0, "mean stride time, also of the last walk")
     valid = Memory(0.0, "number of consecutive accepted strides, up to 2")
     swing = Memory(0.0, "usual time from an event to the extended knee, 0 while unknown")
     events = Memory(0.0, "number of events since the start")
+    spread = Memory(0.0025, "mean square difference of the last strides from the mean")
 
     kernel = kernels.gait_phase

@@ -3,7 +3,7 @@
 from blocks.controllers.gait import GaitPhase, TorqueProfile
 from blocks.gait.events import ContactEvents, GyroEvents, KneeEvents, ThighEvents
 from blocks.gait.oscillators import AdaptiveOscillator, PhaseKalmanFilter
-from blocks.gait.phase import PhasePortrait, StridePhase
+from blocks.gait.phase import CirclePhase, PhasePortrait, StridePhase
 from blocks.gait.placement import SegmentOrder, SegmentPosture, SensorPlacement
 from blocks.gait.state import GaitState, StrideEnvelope, TorqueGate
 from blocks.gait.torque import BiologicalTorque, DelayedOutputFeedback, PeakProfile, SplineProfile, StanceSwingImpedance
@@ -11,6 +11,7 @@ from blocks.gait.torque import BiologicalTorque, DelayedOutputFeedback, PeakProf
 __all__ = [
     "AdaptiveOscillator",
     "BiologicalTorque",
+    "CirclePhase",
     "ContactEvents",
     "DelayedOutputFeedback",
     "GaitPhase",

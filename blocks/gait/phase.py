@@ -1,4 +1,4 @@
-"""Gait phase of a leg: from the time since heel strike, and from the portrait of the thigh."""
+"""Gait phase of a leg: from the time since heel strike, a network, and the portrait of the thigh."""
 
 from __future__ import annotations
 
@@ -32,6 +32,31 @@ class StridePhase(Block):
     state = Memory((math.inf, 0.0, 0.0, 0.0009), "time since the strike, mean stride time, strides, their variance")
 
     kernel = kernels.stride_phase
+
+
+class CirclePhase(Block):
+    """Gait phase from the estimates of its cosine and sine: phase = atan2(sine, cosine) / 2π.
+
+    Estimates with the least squared error are the means over all phases that the measurements allow. Their length
+    R = √(cosine² + sine²) shows how far these are apart:
+
+        uncertainty = √(mean(−2 ln R)) / 2π
+
+    which is the circular standard deviation, with the mean over 0.3 s. `walking` is true while R exceeds 0.5, and the
+    uncertainty is 0.29, that of an unknown phase, while it is false: a network that is trained with zeros in standing
+    ends it there. Direct feedthrough; NaN and infinity give NaN and are not stored.
+    (circular statistics: Mardia and Jupp 2000)
+    """
+
+    cosine = Input("1", "estimate of the cosine of the phase")
+    sine = Input("1", "estimate of the sine of the phase")
+    phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
+    walking = Output("1", "true while the phase is known", dtype=bool, range=(0.0, 1.0))
+    uncertainty = Output("1", "standard deviation of the phase, as a fraction of a stride", range=(0.0, 0.3))
+
+    variance = Memory(-1.0, "mean variance of the phase, negative while unknown")
+
+    kernel = kernels.circle_phase
 
 
 class PhasePortrait(Block):

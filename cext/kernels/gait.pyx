@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Gait phase and assistance profiles."""
 
-from libc.math cimport INFINITY, NAN, fabs, floor
+from libc.math cimport INFINITY, NAN, fabs, floor, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -9,11 +9,14 @@ from cext.kernels.limits cimport is_finite
 
 
 cdef struct GaitPhase:
-    int32_t angle, velocity, phase, walking, stride_time, strides, threshold, event_phase, shortest, longest
-    int32_t elapsed, armed, mean, valid, events, swing
+    int32_t angle, velocity, phase, walking, stride_time, strides, uncertainty, threshold, event_phase, shortest, longest
+    int32_t elapsed, armed, mean, valid, events, swing, spread
 
 cdef double AGREEMENT = 0.25            # of the last cadence, within which a stride after a stop continues it
 cdef double SWING_AGREEMENT = 0.4       # of the usual swing, within which a swing after a stop continues the walk
+cdef double SPREAD_SHARE = 0.2          # of a stride, in the spread of the last strides
+cdef double FIRST_SPREAD = 0.0025       # mean square phase error of the first stride after a stop
+cdef double UNKNOWN = 0.28867513459481287       # standard deviation of a phase of which nothing is known
 
 GAIT_PHASE = items((<GaitPhase *>ITEMS)[0])
 
@@ -29,6 +32,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
     cdef double *valid = arena + at.valid
     cdef double *events = arena + at.events
     cdef double *swing = arena + at.swing
+    cdef double *spread = arena + at.spread
     cdef bint missing = not (is_finite(angle) and is_finite(velocity))
     cdef double phase
     if missing:
@@ -41,6 +45,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
             swing[0] += (elapsed[0] - swing[0]) / (3.0 if swing[0] > 0.0 else 1.0)
         elif swing[0] > 0.0 and valid[0] == 0.0 and fabs(elapsed[0] - swing[0]) < SWING_AGREEMENT * swing[0]:
             valid[0] = 2.0
+            spread[0] = max(spread[0], FIRST_SPREAD)
     if armed[0] != 0.0 and angle > threshold and velocity > 0.0:
         # 2. The swinging knee crosses the threshold: one stride since the last crossing, if its duration is plausible.
         armed[0] = 0.0
@@ -51,6 +56,8 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
             valid[0] = 1.0
             swing[0] = 0.0      # of another cadence
         else:
+            phase = elapsed[0] / mean[0] - 1.0
+            spread[0] += SPREAD_SHARE * (min(phase * phase, UNKNOWN * UNKNOWN) - spread[0])
             mean[0] += (elapsed[0] - mean[0]) / 3.0
             valid[0] = 2.0
         events[0] += 1.0
@@ -60,6 +67,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
         valid[0] = 0.0
         elapsed[0] = INFINITY
     arena[at.phase] = NAN if missing else 0.0
+    arena[at.uncertainty] = NAN if missing else UNKNOWN
     arena[at.walking] = 0.0
     arena[at.stride_time] = 0.0
     arena[at.strides] = events[0]
@@ -70,6 +78,9 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
             phase = arena[at.event_phase] + elapsed[0] / mean[0]
             arena[at.phase] = phase - floor(phase)
             arena[at.walking] = 1.0
+            # An event that is overdue is late by this much at least.
+            phase = max(0.0, elapsed[0] / mean[0] - 1.0)
+            arena[at.uncertainty] = min(UNKNOWN, sqrt(spread[0] + phase * phase))
     return OK
 
 

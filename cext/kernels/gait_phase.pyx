@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Estimators of the gait phase."""
 
-from libc.math cimport INFINITY, NAN, atan2, cos, fabs, floor, sin, sqrt
+from libc.math cimport INFINITY, NAN, atan2, cos, fabs, floor, log, sin, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -28,6 +28,8 @@ cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
 cdef double SLOWEST_SHARE = 0.5          # of the usual cadence: the frequency of a leg that moves
 cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands, unless the wearer walks that slowly
 cdef double SPREAD_SHARE = 0.2          # of a strike, in the spread of the last strides
+cdef double KNOWN_LENGTH = 0.5          # of the mean of a phase on the circle: it is known
+cdef double CIRCLE_TIME = 0.3           # s, over which its variance is averaged
 cdef double UNKNOWN = 0.28867513459481287       # standard deviation of a phase of which nothing is known
 
 
@@ -84,6 +86,39 @@ cdef int stride_kernel(double *arena, const Stride *at, const Stride *sizes) noe
             arena[at.uncertainty] = sqrt(s[3])
             arena[at.phase] = min(s[0] / s[1], 1.0)
             arena[at.walking] = 1.0
+    return OK
+
+
+# Mean of a phase on the circle
+
+cdef struct Circle:
+    int32_t cosine, sine, phase, walking, uncertainty
+    int32_t variance            # of the phase, a mean; negative while unknown
+
+CIRCLE = items((<Circle *>ITEMS)[0])
+
+
+cdef int circle_kernel(double *arena, const Circle *at, const Circle *sizes) noexcept nogil:
+    cdef double cosine = arena[at.cosine]
+    cdef double sine = arena[at.sine]
+    cdef double *variance = arena + at.variance
+    cdef double square = cosine * cosine + sine * sine
+    cdef double spread
+    arena[at.walking] = 0.0
+    if not is_finite(square):
+        arena[at.phase] = arena[at.uncertainty] = NAN
+        return OK
+    arena[at.phase] = wrapped(atan2(sine, cosine) / TURN)
+    arena[at.uncertainty] = UNKNOWN
+    if square > KNOWN_LENGTH * KNOWN_LENGTH:
+        spread = max(0.0, -log(square)) / (TURN * TURN)
+        if variance[0] < 0.0:
+            variance[0] = spread
+        variance[0] += min(1.0, arena[DT] / CIRCLE_TIME) * (spread - variance[0])
+        arena[at.walking] = 1.0
+        arena[at.uncertainty] = sqrt(variance[0])
+    else:
+        variance[0] = -1.0
     return OK
 
 
@@ -504,6 +539,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
 
 
 stride_phase = export(<kernel_t>stride_kernel, STRIDE)
+circle_phase = export(<kernel_t>circle_kernel, CIRCLE)
 phase_portrait = export(<kernel_t>portrait_kernel, PORTRAIT)
 adaptive_oscillator = export(<kernel_t>oscillator_kernel, OSCILLATOR)
 phase_kalman = export(<kernel_t>kalman_kernel, KALMAN)

@@ -64,7 +64,7 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_wit
     )
     assert trial.fault is None
     steady, standing = (trial.time > 10.0) & (trial.time < 16.0), trial.time > 17.4
-    names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "gait_phase.y")]
+    names = [f"{side}/gait_phase.phase" for side in SIDES]
     for name in [name for name in names if name in trial.signals]:
         side, phase = name.partition("/")[0], trial[name][steady]
         for joint, intervals in CLAIMS[robot].items():
@@ -231,7 +231,7 @@ def test_ankle_exo_repeats_the_published_peak_and_its_load_cells_measure_it():
     trial = runtime.run(path("ankle_exo"), 12.0)
     steady = trial.time > 8.0
     for side in SIDES:
-        names = ("ankle.torque", "measured_torque.y", "gait_phase.y")
+        names = ("ankle.torque", "measured_torque.y", "gait_phase.phase")
         torque, measured, phase = (trial[f"{side}/{name}"][steady] for name in names)
         assert torque.max() < CODE_OF_TORQUE and torque.min() == pytest.approx(-0.54 * 70.0, abs=0.1)
         assert measured.min() == pytest.approx(-37.8, abs=1.5)

@@ -5,7 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from blocks.gait import AdaptiveOscillator, ContactEvents, KneeEvents, PhaseKalmanFilter, PhasePortrait, StridePhase
+from blocks.gait import (
+    AdaptiveOscillator,
+    CirclePhase,
+    ContactEvents,
+    GaitPhase,
+    KneeEvents,
+    PhaseKalmanFilter,
+    PhasePortrait,
+    StridePhase,
+)
 from blocks.wearer import Walker
 from graph import Diagram
 from runtime.session.simulate import simulate
@@ -196,3 +205,36 @@ def test_oscillators_do_not_walk_from_a_strike_that_contradicts_their_phase():
     walking = inside(AdaptiveOscillator, angle=played.signals["thigh"], strike=late)["walking"]
     at = {number: round(times[number] * RATE) for number in (20, 30, 31, 42)}
     assert walking[at[20] : at[30]].all() and not walking[at[30] : at[31]].any() and walking[at[42] :].all()
+
+
+def test_the_length_of_a_mean_phase_is_its_uncertainty():
+    """Means of the cosine and sine of phases with a normal spread; zeros in standing."""
+    random = np.random.default_rng(1)
+    phase, spreads = np.arange(2000) / RATE % 1.0, np.repeat([0.01, 0.05, 0.1, 0.15, 0.0], 400)
+    turns = 2.0 * np.pi * (phase + spreads * random.normal(size=(20000, 1)))
+    cosine, sine = np.cos(turns).mean(axis=0), np.sin(turns).mean(axis=0)
+    cosine[1600:] = sine[1600:] = 0.0
+    outputs = both_ways(CirclePhase, cosine=cosine, sine=sine)
+    assert np.abs((outputs["phase"] - phase + 0.5)[:1600] % 1.0 - 0.5).max() < 0.01
+    for begin in range(0, 1600, 400):
+        assert outputs["uncertainty"][begin + 399] == pytest.approx(spreads[begin], rel=0.1)
+    assert outputs["walking"][:1600].all() and not outputs["walking"][1600:].any()
+    assert (outputs["uncertainty"][1600:] == math.sqrt(1.0 / 12.0)).all()
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.04, 0.07])
+def test_the_uncertainty_of_a_phase_from_the_knee_is_the_spread_of_its_strides(spread):
+    """Then the knee stops in stance: a swing that is overdue makes the phase uncertain."""
+    random = np.random.default_rng(2)
+    strides = np.cumsum(1.1 * (1.0 + spread * np.clip(random.normal(size=60), -2.0, 2.0)))
+    time = np.arange(0.0, strides[-1] + 1.5, 1.0 / RATE)
+    turns = np.interp(time, np.concatenate(([0.0], strides)), np.arange(61.0))
+    angle = 0.55 - 0.5 * np.cos(2.0 * np.pi * turns)
+    outputs = both_ways(GaitPhase, angle=angle, velocity=np.gradient(angle, 1.0 / RATE))
+    late = (time > 20.0) & (time < strides[-1])
+    usual = outputs["uncertainty"][late]
+    assert np.sqrt(np.mean(usual**2)) == pytest.approx(1.1 * spread, abs=0.01 + 0.4 * spread)
+    events = np.flatnonzero(np.diff(outputs["strides"]))
+    overdue = outputs["uncertainty"][(time > time[events[-1]] + 1.25 * 1.1) & (time < time[events[-1]] + 1.45 * 1.1)]
+    assert len(overdue) and overdue.min() > 0.2 - 2.0 * spread
+    assert not outputs["walking"][-1] and outputs["uncertainty"][-1] == pytest.approx(0.2887, abs=1e-4)
