@@ -36,6 +36,10 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "docs.test_special_samples.test_the_dialogue_of_the_page_asks_for_a_confirmation",
     ),
     "docs/how_to/analysis.md": ("docs.test_special_samples.test_the_loop_of_the_page_has_its_margins",) * 2,
+    "docs/how_to/motion_capture.md": (
+        "runtime.record.analysis.test_clocks.test_the_clock_of_a_microcontroller_agrees_with_an_edge_on_a_line",
+    )
+    * 2,
     "docs/how_to/mujoco.md": ("blocks.test_mujoco.test_the_picture_of_the_page_shows_the_leg",),
     "docs/how_to/native_blocks.md": (
         "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",

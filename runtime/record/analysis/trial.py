@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas
 
+    from runtime.record.analysis.clocks import Clock
     from runtime.record.analysis.pictures import Pictures
     from runtime.record.analysis.xdf import Stream
 
@@ -115,6 +116,19 @@ class Trial(TrialData):
         from runtime.record.analysis.xdf import streams
 
         return streams(self, path)
+
+    def clock(self, name: str, wrap: float = 0.0) -> Clock:
+        """Return the runtime.record.analysis.clocks.Clock of a device, whose `time` are its readings at the ticks.
+
+        name : block with a clock, such as an LslInlet, a Ros2Subscription or an Insole(clock=True), an inertial sensor,
+            or the signal of a field with the clock of a Microcontroller, such as teensy.t
+        wrap : s after which the counter of that signal wraps; 0 for never
+
+        Raises BadInput without a recorded clock.
+        """
+        from runtime.record.analysis.clocks import clock
+
+        return clock(self, name, wrap)
 
     def _repr_html_(self) -> str:
         from runtime.record.analysis.html import trial_in_html
