@@ -59,14 +59,16 @@ def measure(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Measure L at an input of a robot, from the input to minus the signal that is connected there.
 
-    Three runs in simulation: without excitation, with it, and with half of it. Both signals at the input have their
-    difference from the first run, over one period after the transient of another. The robot is changed.
+    Three runs in simulation: without excitation, with it, and with half of it in other phases. Both signals at the
+    input have their difference from the first run, over one period after the transient of another. While a wearer
+    walks, each sine also responds at frequencies around it, at a distance of the stride's, where other sines are; with
+    other phases, they add up to another sum. The robot is changed.
 
     at : time in s at which the excitation begins, 0 for START
     amplitude : largest value of the excitation, by default a share of the range of the signal
 
-    Returns (frequencies in Hz, L, the error of 1 + L as a share of it: its difference from that with half the
-    excitation). Raises BadInput.
+    Returns (frequencies in Hz, L as the mean of both runs, the error of 1 + L as a share of it: their difference).
+    Raises BadInput.
     """
     wire = next(wire for wire in robot.wires if f"{wire.block.path}.{wire.port}" == name)
     within = examine(robot).ranges.get(wire.source, EVERYTHING)
@@ -81,24 +83,25 @@ def measure(
     plant = build_plant(file, robot) if file.has_plant else None
     ticks = round(PERIOD * robot.rate)
     numbers = np.unique(np.round(np.geomspace(LOWEST * PERIOD, HIGHEST * robot.rate * PERIOD, TONES)).astype(int))
-    phases = -np.pi * np.arange(len(numbers)) ** 2 / len(numbers)  # a small peak (Schroeder 1970)
-    tones = np.cos(2.0 * np.pi * np.outer(np.arange(ticks) / ticks, numbers) + phases).sum(axis=1)
-    excitation.tones = (tones / np.abs(tones).max()).tolist()
+    low_peak = -np.pi * np.arange(len(numbers)) ** 2 / len(numbers)  # Schroeder 1970
+    random = 2.0 * np.pi * np.random.default_rng(0).uniform(size=len(numbers))
     excitation.start = round((at or START) * robot.rate)
 
-    def spectra(size: float) -> np.ndarray:
-        excitation.amplitude = size
+    def spectra(size: float, phases: np.ndarray) -> np.ndarray:
+        tones = np.cos(2.0 * np.pi * np.outer(np.arange(ticks) / ticks, numbers) + phases).sum(axis=1)
+        excitation.amplitude, excitation.tones = size, (tones / np.abs(tones).max()).tolist()
         trial = simulate(robot, (excitation.start + 2 * ticks) / robot.rate, plant=plant)
         if trial.fault is not None:
             raise BadInput(f"the run with an excitation of {size:g} at {name} ended: {trial.fault['report'][0]}")
         return np.fft.rfft(np.array(excitation.kept[-ticks:]), axis=0)[numbers]
 
-    still = spectra(0.0)
+    still = spectra(0.0, low_peak)
     size = amplitude or SHARE * min(-excitation.low, excitation.high)
     if not 0.0 < size < math.inf:
         raise BadInput(
             f"the signal at {name} has no range around 0, of which the excitation is a share: pass --amplitude"
         )
-    both = [spectra(each) - still for each in (size, size / 2.0)]
+    both = spectra(size, low_peak) - still, spectra(size / 2.0, random) - still
     loops = [-each[:, 0] / each[:, 1] for each in both]
-    return numbers / PERIOD, loops[0], np.abs((loops[0] - loops[1]) / (1.0 + loops[0]))
+    mean = (loops[0] + loops[1]) / 2.0
+    return numbers / PERIOD, mean, np.abs((loops[0] - loops[1]) / (1.0 + mean))

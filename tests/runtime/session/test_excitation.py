@@ -8,7 +8,11 @@ from blocks.continuous import Pendulum
 from blocks.controllers import Impedance
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sign
-from graph import Diagram
+from graph import Actuator, Diagram
+from runtime.robot.loading.file import load
+from runtime.session import excitation
+from tests.diagrams.pages import SUITS
+from tests.diagrams.robots import ROBOTS, path
 
 control = pytest.importorskip("control")
 loop = pytest.importorskip("runtime.session.loop")
@@ -51,6 +55,24 @@ def test_a_loop_through_a_drive_is_that_of_its_equations_with_a_tick_of_delay():
     assert found.margins["distance"] == pytest.approx(np.abs(1.0 + wanted).min(), rel=0.01)
     again = loop.Loop(robot, "knee.torque_command", amplitude=8.0, plant=plant)
     assert np.array_equal(found.response, again.response)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("robot", [robot for robot in ROBOTS if robot not in SUITS])
+def test_the_loop_of_a_robot_is_that_of_finite_differences_with_one_sine(robot, monkeypatch):
+    """Within its stated error, where L is largest: in walking, other sines at once add to the response to one."""
+    _, diagram = load(path(robot))
+    drive = next(each.path for each in diagram if isinstance(each, Actuator) and not each.path.startswith("right/"))
+    found = loop.Loop(path(robot), f"{drive}.torque_command")
+    at = int(np.abs(found.response).argmax())
+    for name, value in (("LOWEST", found.frequencies[at]), ("HIGHEST", found.frequencies[at] / found.rate)):
+        monkeypatch.setattr(excitation, name, value)
+    monkeypatch.setattr(excitation, "TONES", 1)
+    monkeypatch.setattr(excitation, "SHARE", 0.1)
+    alone = loop.Loop(path(robot), f"{drive}.torque_command")
+    assert alone.frequencies.tolist() == [found.frequencies[at]]
+    wrong = float(np.abs((alone.response[0] - found.response[at]) / (1.0 + found.response[at])))
+    assert wrong < 1.25 * found.error[at]
 
 
 def switching():
