@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from graph.drawing import cards
+from graph.drawing.chart import Chart, chart_of
 from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
 from graph.names import snake_case
 from graph.signal import Signal
@@ -46,6 +47,7 @@ class Plan:
     width: float
     height: float
     signals: dict[Key, str] = field(default_factory=dict["Key", str])
+    chart: Chart | None = None
 
 
 def plan(part: Part, found: Compilation, all_ports: bool, values: bool, links: Collection[Link], every: int) -> Plan:
@@ -89,10 +91,16 @@ def plan(part: Part, found: Compilation, all_ports: bool, values: bool, links: C
     name = block.path.rpartition("/")[2]
     named = name != snake_case(kind)
     details = [f"every {block.every} ticks"] if block.every != every else []
+    chart = chart_of(block)
+    drawn = ("takes", "gives", "holds", "states", "transitions") if chart else ()
     if part.half == "command":
         details, named, kind = [], True, f"{kind}, command"
     else:
-        details += [f"{card['name']} {card['value']}" for card in cards.parameter_cards(block) if card["own"]]
+        details += [
+            f"{card['name']} {card['value']}"
+            for card in cards.parameter_cards(block)
+            if card["own"] and card["name"] not in drawn
+        ]
     if block.variadic and not inputs:
         details.insert(0, "takes every port")
     if len(details) > DETAIL_LIMIT:
@@ -101,7 +109,7 @@ def plan(part: Part, found: Compilation, all_ports: bool, values: bool, links: C
     title, subtitle = (name, kind) if named else (kind, "")
     messages = tuple(dict.fromkeys(d.title + ": " + d.message for d in errors))
     family = cards.family(type(block))
-    box = sized(part.path, family, title, subtitle, details, left, right, labels, notes, messages, wrong_ports)
+    box = sized(part.path, family, title, subtitle, details, left, right, labels, notes, messages, wrong_ports, chart)
     box.signals |= {key: signal.path for key, signal in part.elements.items()}
     return box
 
@@ -129,6 +137,7 @@ def sized(
     notes: dict[Key, str],
     messages: tuple[str, ...],
     wrong_ports: frozenset[Key],
+    chart: Chart | None = None,
 ) -> Plan:
     """Return the Plan with the size and the ports that its text requires."""
     sides = [
@@ -142,10 +151,12 @@ def sized(
         *(text_width(text, SMALL) + 2 * PADDING for text in details),
         92.0,
     )
-    width = math.ceil(min(width, max(BOX_WIDTH_LIMIT, sum(sides) + PADDING)))
+    inside = chart.width + 2 * PADDING if chart else 0.0
+    width = math.ceil(max(inside, min(width, max(BOX_WIDTH_LIMIT, sum(sides) + PADDING))))
     head = HEAD + (LINE - 2.0 if subtitle else 0.0)
     rows = max(len(left), len(right))
     height = head + ROW * rows + (LINE * len(details) + 7.0 if details else 0.0) + (4.0 if rows else 0.0)
+    height += chart.height + 4.0 if chart else 0.0
     room = width - 2 * PADDING
 
     def heights(names: Sequence[Key]) -> dict[Key, float]:
@@ -165,6 +176,7 @@ def sized(
         wrong_ports,
         width,
         round(height),
+        chart=chart,
     )
 
 

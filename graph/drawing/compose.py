@@ -343,4 +343,5 @@ def box(node: Node, x: float, y: float, level: Level) -> Box:
         node.height,
         tuple(ports),
         plan.wrong,
+        plan.chart,
     )

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+from graph.drawing.chart import Chart
+
 Point: TypeAlias = tuple[float, float]
 End: TypeAlias = str | tuple[str, str, str]
 """End of a line: the path of a port, "left/knee.torque", or (frame, side, signal) of a pin."""
@@ -45,6 +47,7 @@ class Box:
     height: float
     ports: tuple[Port, ...]
     wrong: tuple[str, ...] = ()
+    chart: Chart | None = None
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from graph.drawing.chart import INDENT
 from graph.drawing.style import (
     BACK,
     CORNER,
@@ -33,6 +34,7 @@ from graph.drawing.style import (
 )
 
 if TYPE_CHECKING:
+    from graph.drawing.chart import Chart
     from graph.drawing.model import Box, Drawing, Frame, Line, Point
 
 LEGEND, FEEDBACK = 28.0, "feedback"
@@ -57,6 +59,11 @@ def css() -> str:
         f".{name} > .edge {{ stroke: {family.edge}; }} .{name} > .head {{ fill: {family.head}; }}"
         for name, family in FAMILIES.items()
     ]
+    logic = FAMILIES["logic"]
+    rules.append(
+        f".state > rect {{ fill: {PAPER}; stroke: {logic.edge}; }} .state.active > rect {{ fill: {logic.head}; }}"
+    )
+    rules.append(f".arrow {{ fill: none; stroke: {logic.edge}; }}")
     rules.append(f".subsystem > .edge {{ stroke: {FRAME_EDGE}; }} .subsystem > .head {{ fill: {FRAME_HEAD}; }}")
     rules.append(f".wrong > .edge, .line.wrong {{ stroke: {WRONG}; }} .wrong > .edge {{ stroke-width: 2.6; }}")
     rules.append(f".dot.wrong {{ fill: {WRONG}; r: 4px; }}")
@@ -263,10 +270,39 @@ def box(item: Box, drawing: Drawing) -> str:
             f'<text class="{names}"{data} x="{number(x)}" '
             f'y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>'
         )
+    if item.chart:
+        below = LINE * len(item.details) + 7.0 * bool(item.details)
+        parts.append(chart(item.chart, item.path, PADDING, item.height - below - item.chart.height))
     for index, text in enumerate(reversed(item.details)):
         parts.append(
             f'<text class="detail" x="{PADDING:g}" y="{number(item.height - 8.0 - LINE * index)}">{escape(text)}</text>'
         )
+    return "".join(parts) + "</g>"
+
+
+def chart(item: Chart, path: str, x: float, y: float) -> str:
+    """Return the SVG of the states and transitions of a block, whose output `state` numbers the innermost ones."""
+    parts = [f'<g class="chart" data-signal="{escape(path)}.state" transform="translate({number(x)} {number(y)})">']
+    for state in item.states:
+        left, top = number(state.x), number(state.y)
+        parts.append(
+            f'<g class="state" data-number="{state.number}"><rect x="{left}" y="{top}" width="{number(state.width)}" '
+            f'height="{number(state.height)}" rx="5"/>'
+        )
+        if state.initial:
+            parts.append(f'<circle class="dot" cx="{number(state.x + 7)}" cy="{number(state.y + 8.5)}" r="2.4"/>')
+        parts.append(
+            f'<text class="port" x="{number(state.x + 14)}" y="{number(state.y + 12)}">{escape(state.name)}</text>'
+        )
+        parts += (
+            f'<text class="detail" x="{number(state.x + INDENT)}" y="{number(height)}">{escape(text)}</text>'
+            for text, height in state.texts
+        )
+        parts.append("</g>")
+    for arrow in item.arrows:
+        points = [(arrow.left, arrow.start), (arrow.x, arrow.start), (arrow.x, arrow.end), (arrow.right, arrow.end)]
+        tip = f"M{number(arrow.right + 5)} {number(arrow.end - 3)}l-5 3l5 3"
+        parts.append(f'<path class="arrow" d="{way(points)}{tip}"><title>{escape(arrow.text)}</title></path>')
     return "".join(parts) + "</g>"
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from blocks.states import StateMachine
 from graph import Diagram, Interval
+from graph.drawing.chart import chart_of
 from tests.blocks.playing import source
 from tests.blocks.running import run
 from tests.graph.complaints import refusal
@@ -193,3 +194,30 @@ def test_a_chart_with_a_mistake_is_refused(words):
         for level in range(8):
             parameters["states"] = {f"s{level}": {"states": parameters["states"]}}
     assert words in str(refusal(StateMachine, **parameters))
+
+
+def test_the_drawing_nests_the_states_and_ends_each_arrow_at_the_name_of_its_target():
+    chart = chart_of(StateMachine(**LEG))
+    assert chart is not None
+    states = {state.name.removesuffix(" (history)"): state for state in chart.states}
+    assert [(name, state.number, state.initial) for name, state in states.items()] == [
+        ("walking", -1, True),
+        ("stance", 0, True),
+        ("swing", 1, False),
+        ("seated", 2, False),
+    ]
+    outer = states["walking"]
+    for inner in (states["stance"], states["swing"]):
+        assert outer.x < inner.x and inner.x + inner.width < outer.x + outer.width
+        assert outer.y < inner.y and inner.y + inner.height < outer.y + outer.height
+    assert states["swing"].y > states["stance"].y + states["stance"].height
+    arrows = {arrow.text: arrow for arrow in chart.arrows}
+    for origin, target, condition in LEG["transitions"]:
+        arrow, goal = arrows[condition], states[target]
+        [line] = [y for text, y in states[origin].texts if text == condition]
+        assert abs(arrow.start - line) < 4.0 and arrow.left == states[origin].x + states[origin].width
+        assert goal.y < arrow.end < goal.y + 17.0 and arrow.right == goal.x + goal.width
+        assert max(state.x + state.width for state in chart.states) < arrow.x < chart.width
+        low, high = sorted((arrow.start, arrow.end))
+        beside = [other for other in chart.arrows if other is not arrow and other.x == arrow.x]
+        assert all(max(other.start, other.end) < low or min(other.start, other.end) > high for other in beside)

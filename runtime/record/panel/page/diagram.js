@@ -23,6 +23,7 @@ svg { display: block; }
   text { fill: #e5e9f0; } .type, .detail, .note { fill: #a3afbd; }
   .box > .body { fill: #10151d; } .box > .head { fill-opacity: .22; } .box > .edge { stroke-opacity: .9; }
   .frame > .edge { fill: #141a22; stroke: #313a48; } .frame > .head { fill: #1d2530; stroke: #313a48; }
+  .state > rect { fill: #10151d; } .state.active > rect { fill: #5c2a4e; }
   .dot, .joint { fill: #8593a6; } .back { --wire: #d98a52; }
 }`;
 
@@ -87,6 +88,7 @@ export class DiagramView {
       }
       this.ports.push(port);
     }
+    this.charts = [...this.svg.querySelectorAll(".chart")].map((chart) => ({ chart, index: places.get(chart.dataset.signal)?.[0] }));
     this.fitted = false;
   }
 
@@ -120,6 +122,10 @@ export class DiagramView {
       if (pulse !== port.pulse) for (const line of port.lines) line.style.setProperty("--pulse", pulse);
       port.pulse = pulse;
       port.before = each;
+    }
+    for (const { chart, index } of this.charts) {
+      const active = chart.querySelector(`.state[data-number="${values[index]}"]`);
+      for (const state of chart.querySelectorAll(".state")) state.classList.toggle("active", state === active);
     }
   }
 

@@ -1,12 +1,16 @@
 """The page of the panel in a real browser: it shows the run, stops it, changes parameters, and admits a lost link."""
 
 import importlib.resources
+import json
 import os
 import re
 import signal
 
 import pytest
 
+from blocks.states import StateMachine
+from graph import Diagram
+from graph.drawing import draw, svg
 from runtime.host.options import settings
 from tests.graph.drawing.browser import needs_browser
 from tests.runtime.record.panel.chromium import browser
@@ -284,6 +288,19 @@ def test_diagram_shows_values_at_its_ports_and_a_click_on_one_plots_it(opened):
         "drawing.querySelector('.hit[data-signal=\"left/law.torque\"]').dispatchEvent(new MouseEvent('click'))"
     )
     assert not tab.evaluate(f"{box}.checked")
+    with Diagram("chart", rate=100) as diagram:
+        StateMachine(name="leg", states={"walking": {"states": {"stance": {}, "swing": {}}}, "seated": {}})
+    for number, name in enumerate(("stance", "swing", "seated")):
+        active = tab.evaluate(f"""(async () => {{
+            const {{ DiagramView }} = await import("/diagram.js"), place = document.createElement("div");
+            const tools = document.createElement("div");
+            tools.innerHTML = "<button></button>".repeat(3);
+            const view = new DiagramView(place, tools, () => {{}});
+            view.build({json.dumps(svg(draw(diagram)))}, [{{ path: "leg.state", factor: 1, labels: [] }}]);
+            view.show([{number}]);
+            return [...place.shadowRoot.querySelectorAll(".active > .port")].map((it) => it.textContent);
+        }})()""")
+        assert active == [name]
     assert tab.problems == []
 
 
