@@ -70,8 +70,9 @@ class Walker(Block):
     torque of their own in that direction; at hip and knee similar shares are assumed. Against an opposing torque they
     add 48 % of it within 50 ms, an assumption.
 
-    The metabolic power is 1.4 W/kg at rest, 1.42 times the positive power of the muscles, and a part of their squared
-    torques. It is within 10 % of that of adults (Ralston 1958).
+    The metabolic power is 1.4 W/kg at rest, 1.42 times the positive power of the muscles, a part of their squared
+    torques, and one of the squared torque that the calf leaves to a robot. It is within 10 % of that of adults (Ralston
+    1958).
 
     `person` selects an adult who differs from the average as the measured adults do; it is the same adult at every
     speed. An adult drawn at random whose knee would overextend is moved toward the average.

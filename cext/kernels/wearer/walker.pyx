@@ -135,6 +135,7 @@ cdef double HALT = 0.15         # m/s, speed below which the stride slows down t
 cdef double ADAPTATION_TIME = 0.05      # s
 cdef double RESTING_POWER = 1.4         # W/kg, metabolic
 cdef double WORK_COST = 1.42            # metabolic power per positive power of the muscles
+cdef double DETUNING = 4.0              # W per kg and (N·m/kg)², of torque that the calf no longer stores in its tendon
 cdef double TRAINED_SPEED = 0.3         # m/s, below which a wearer expects a torque less
 cdef double KNEE_TRAINED = 0.5          # of what the wearer expects at hip and ankle
 cdef double RESISTANCE = 0.6    # of the adaptation, against an opposing torque
@@ -341,6 +342,8 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         arena[out[5 * j + TORQUE]] = torque
         arena[out[5 * j + POWER]] = torque * rate[j]
         state.effort += effort(j, torque, torque * rate[j], body[MASS])
+        if j == 2 and leg.yielded[j] * nominal > 0.0:
+            state.effort += DETUNING * leg.yielded[j] * leg.yielded[j] / body[MASS]
         state.usual_effort += effort(j, nominal, nominal * reference.q[j].v, body[MASS])
     directions(&g, pelvis[6], angle)
     segments(arena, body, &g, pelvis, angle, rate, acceleration, out)
