@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
             )
         comparison = compare(here, there)
     print_lines(difference_picture.table(here, there, comparison))
-    if comparison.differences:
+    if difference_picture.rank(comparison):
         need("matplotlib.figure", "a picture")
         draw = partial(difference_picture.draw, here=here, there=there, comparison=comparison)
         print_lines([f"  {drawing.write(draw, options.output, 'diff')}"])

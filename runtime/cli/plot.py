@@ -88,7 +88,8 @@ def main(arguments: Sequence[str]) -> int:
                 progress.terminal.erase()
                 print_lines([path])
         except KeyError as error:
-            raise BadInput(error.args[0]) from None
+            neither = "has no signal" in error.args[0] and ": " not in error.args[0]
+            raise BadInput(error.args[0] + ", nor is there such a recording" * neither) from None
     return OK
 
 

@@ -38,19 +38,26 @@ def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str
     if not comparison.differences:
         return lines + [f"  all {len(comparison.same)} signals are the same, bit for bit"]
     ranked = rank(comparison)
+    zeros = len(comparison.differences) - len(ranked)
     names = [d.path if d.unit in PLAIN else f"{d.path} [{d.unit}]" for d in ranked[:TABLE_ROW_LIMIT]]
-    width = max(map(len, names))
-    lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
+    width = max(map(len, names), default=0)
+    if ranked:
+        lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
     for name, d in zip(names, ranked):
         lines.append(f"  {name:{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}")
     if len(ranked) > TABLE_ROW_LIMIT:
         lines.append(f"  and {len(ranked) - TABLE_ROW_LIMIT} more signals differ")
+    if zeros:
+        lines.append(f"  {zeros} signal{' differs' if zeros == 1 else 's differ'} in the sign of zero alone")
     return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
 
 
 def rank(comparison: Comparison) -> list[Difference]:
-    """Return the differences by block, the block of the earliest first, and of each by unit, then the largest."""
-    earliest = sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
+    """Return the differences by block, the block of the earliest first, and of each by unit, then the largest.
+
+    Those in the sign of zero alone are left out.
+    """
+    earliest = sorted((d for d in comparison.differences if d.largest), key=lambda d: (d.first, -d.rms))
     places: dict[tuple[str, ...], int] = {}
     for place, d in enumerate(earliest):
         places.setdefault((block_of(d),), place)

@@ -297,6 +297,23 @@ def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command
     assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()
 
 
+def test_diff_does_not_draw_signals_that_differ_in_the_sign_of_zero_alone(recorded, command_line, tmp_path):
+    text = "from blocks.recorders import CsvRecorder\nfrom blocks.sources import Constant\nfrom graph import Diagram\n"
+    text += "with Diagram('zero', rate=100) as diagram:\n    Constant({}, name='none')\n    Constant({}, name='one')\n"
+    text += "    CsvRecorder()\n"
+    files = [
+        recorded(write(tmp_path, text.format(*values), f"{name}.py"), "--fast", "--duration", "0.1")
+        for name, values in (("a", (0.0, 1.0)), ("b", (-0.0, 1.0)), ("c", (-0.0, 2.0)))
+    ]
+    told = "  1 signal differs in the sign of zero alone\n"
+    code, out, _ = command_line("diff", files[0], files[1])
+    assert code == CHECK_FAILED and told in out and "none.y" not in out
+    assert not (command_line.folder / "diff.png").exists()
+    code, out, _ = command_line("diff", files[0], files[2])
+    assert code == CHECK_FAILED and told in out and "none.y" not in out and "one.y" in out
+    assert (command_line.folder / "diff.png").exists()
+
+
 def test_an_unrecorded_bus_ends_the_replay(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
     other = write(tmp_path, LAW.format(law=STEADY).replace('bus="legs"', 'bus="arms"'), "other.py")

@@ -188,6 +188,7 @@ def test_undrawable_selection_is_reported_in_one_line(command_line, recording, t
         "plot", recording, "left/knee.posiion"
     )
     assert "No such file" in command_line.refused("plot", recording, "b.mcap")
+    assert command_line.refused("plot", recording, "b").endswith("has no signal 'b', nor is there such a recording")
     assert (
         command_line.refused("plot", recording, "-o", "a.jpg")
         == "-o a.jpg: the name of a picture must end in .png, .svg or .pdf"
