@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 WRAP_WIDTH = 110  # characters
 MARKS = {UNKNOWN: "?"}
 CLASSIC_CAN_BITRATE_LIMIT = 1_000_000  # bit/s
+DATA_BITRATE_MAXIMUM = 8_000_000  # bit/s, of CAN FD
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -71,6 +72,13 @@ def main(arguments: Sequence[str]) -> int:
         help="bitrate of the CAN buses in bit/s (default: 1000000)",
     )
     parser.add_argument(
+        "--data-bitrate",
+        type=whole_number("--data-bitrate", DATA_BITRATE_MAXIMUM),
+        default=0,
+        metavar="BPS",
+        help="the buses have CAN FD, with this bitrate of its data; equal to --bitrate without a rate switch",
+    )
+    parser.add_argument(
         "--overlay",
         type=_overlay,
         action="append",
@@ -108,6 +116,8 @@ def main(arguments: Sequence[str]) -> int:
         raise BadInput("--overlay, --hotspot and --remote-desktop are parts of the script: add --script")
     if options.bundle is None and (options.last is not None or options.yes):
         raise BadInput("--last and --yes are options of --bundle RECORDING")
+    if 0 < options.data_bitrate < options.bitrate:
+        raise BadInput(f"--data-bitrate {options.data_bitrate}: at least that of --bitrate, {options.bitrate}")
     machine = Machine(options.root)
     if options.bundle is not None:
         return bundle(options.bundle, options.last, options.yes, machine)
@@ -116,6 +126,7 @@ def main(arguments: Sequence[str]) -> int:
     user = options.user or (os.environ.get("SUDO_USER") if machine.here else None)
     wants = Wants(
         bitrate=options.bitrate,
+        data_bitrate=options.data_bitrate,
         user=user,
         folder=options.folder,
         overlays=options.overlays,

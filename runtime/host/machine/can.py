@@ -64,7 +64,7 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
     about: dict[str, Any] = (link or {}).get("linkinfo") or {}
     if about.get("info_kind") in ("vcan", "vxcan"):
         return [Finding(name, OK, "virtual")]
-    cure = bring_up(name, wants.bitrate, wants.restart, wants.queue)
+    cure = bring_up(name, wants.bitrate, wants.restart, wants.queue, wants.data_bitrate)
     if not up:
         return [Finding(name, BAD, "is down", "nothing is sent or received", cure, "can", name)]
     problems: list[Finding] = []
@@ -74,8 +74,8 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
 
     down_first = f"sudo ip link set {name} down && {cure}"
     data: dict[str, Any] = about.get("info_data") or {}
-    timing: dict[str, Any] = data.get("bittiming") or {}
-    bitrate, state, restart = timing.get("bitrate"), data.get("state", ""), data.get("restart_ms")
+    bitrate, data_bitrate = bitrates(data)
+    state, restart = data.get("state", ""), data.get("restart_ms")
     if bitrate is None:
         report(
             UNKNOWN,
@@ -90,6 +90,14 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
             f"{speed(bitrate)}, not {speed(wants.bitrate)}",
             "no frame is received at a bitrate other than the drives'",
             f"{down_first} (if intended: --bitrate {bitrate})",
+        )
+    if bitrate is not None and wants.data_bitrate and data_bitrate != wants.data_bitrate:
+        found = f"sends data of CAN FD at {speed(data_bitrate)}" if data_bitrate else "classic CAN"
+        report(
+            BAD,
+            f"{found}, not CAN FD at {speed(wants.data_bitrate)}",
+            "no frame of CAN FD is received or sent at another bitrate than the drives'",
+            down_first,
         )
     if state in STATES:
         verdict, why = STATES[state]
@@ -120,6 +128,13 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
         )
     words = [speed(bitrate) if bitrate else "", state, f"transmit queue of {queue} frames", driver]
     return problems or [Finding(name, OK, ", ".join(word for word in words if word))]
+
+
+def bitrates(data: dict[str, Any]) -> tuple[int | None, int | None]:
+    """Return (bitrate, data bitrate of CAN FD) of a controller in bit/s, None if unknown. data : info_data of `link`"""
+    nominal: dict[str, int] = data.get("bittiming") or {}
+    fast: dict[str, int] = data.get("data_bittiming") or {}
+    return nominal.get("bitrate"), fast.get("bitrate")
 
 
 def bring_up(

@@ -33,6 +33,7 @@ class Wants:
     """Requirements for the machine.
 
     bitrate : bit/s of the CAN buses
+    data_bitrate : bit/s of the data of CAN FD, 0 for classic CAN
     queue : frames in the queue of a CAN interface
     restart : ms until a CAN interface restarts after bus-off
     user : account that runs the robot; the calling one by default
@@ -43,6 +44,7 @@ class Wants:
     """
 
     bitrate: int = 1_000_000
+    data_bitrate: int = 0
     queue: int = 128
     restart: int = 100
     user: str | None = None

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from runtime.host.machine.can import ARPHRD_CAN, bring_up
+from runtime.host.machine.can import ARPHRD_CAN, bitrates, bring_up
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused, RigProblem
 
@@ -59,12 +59,6 @@ def link(name: str, machine: Machine) -> dict[str, Any]:
     except ValueError:
         return {}
     return next((link.get("linkinfo") or {} for link in links if link.get("ifname") == name), {})
-
-
-def bitrates(data: dict[str, Any]) -> tuple[int | None, int | None]:
-    """Return (bitrate, data bitrate of CAN FD) of a controller in bit/s, None if unknown. data : info_data of `link`"""
-    nominal, fast = (data.get(key) or {} for key in ("bittiming", "data_bittiming"))
-    return nominal.get("bitrate"), fast.get("bitrate")
 
 
 def _controller(bus, data):

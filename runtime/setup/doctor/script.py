@@ -220,6 +220,7 @@ def can_files(wants: Wants, names: Sequence[str] = (), downs: str = "") -> str:
         f'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="{name}", ATTR{{tx_queue_len}}="{wants.queue}"'
         for name in names
     )
+    data = f"DataBitRate={wants.data_bitrate}\nFDMode=yes\n" if wants.data_bitrate else ""
     return f"""
 # {speed(wants.bitrate)}, restart {wants.restart} ms after a bus-off, transmit queue of one tick ({wants.queue} frames).
 put /etc/systemd/network/80-tickwork-can.network <<'END'
@@ -231,7 +232,7 @@ RequiredForOnline=no
 
 [CAN]
 BitRate={wants.bitrate}
-RestartSec={wants.restart}ms
+{data}RestartSec={wants.restart}ms
 END
 put /etc/udev/rules.d/90-tickwork-can.rules <<'END'
 {queues}

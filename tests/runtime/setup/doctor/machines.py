@@ -22,7 +22,7 @@ SWAPS = "Filename\t\t\t\tType\t\tSize\t\tUsed\t\tPriority\n"
 ORDINARY = "Name:\tpython\nCapEff:\t0000000000000000\n"
 
 
-def can_link(name, bitrate=1_000_000, state="ERROR-ACTIVE", restart=0, errors=(0, 0), queue=10, chip="mcp251x"):
+def can_link(name, bitrate=1_000_000, state="ERROR-ACTIVE", restart=0, errors=(0, 0), queue=10, chip="mcp251x", data=0):
     """One interface of `ip -details -json link`."""
     return {
         "ifindex": 3,
@@ -54,6 +54,7 @@ def can_link(name, bitrate=1_000_000, state="ERROR-ACTIVE", restart=0, errors=(0
                     "sjw": 1,
                     "brp": 1,
                 },
+                **({"data_bittiming": {"bitrate": data}} if data else {}),
                 "bittiming_const": {"name": chip, "tseg1": {"min": 3, "max": 16}, "tseg2": {"min": 2, "max": 8}},
                 "clock": 8000000,
             },

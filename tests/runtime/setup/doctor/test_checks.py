@@ -255,6 +255,20 @@ def test_problems_of_a_can_interface_are_reported(look, link, troubles):
     assert [(finding.verdict, finding.found) for finding in findings if finding.name == "can0"] == troubles
 
 
+@pytest.mark.parametrize(
+    "data, found",
+    [
+        (0, "classic CAN, not CAN FD at 5 Mbit/s"),
+        (2_000_000, "sends data of CAN FD at 2 Mbit/s, not CAN FD at 5 Mbit/s"),
+        (5_000_000, None),
+    ],
+)
+def test_an_interface_needs_the_requested_bitrate_of_the_data_of_can_fd(look, data, found):
+    link = {"/commands/ip -details -json link": ip(can_link("can0", restart=100, queue=128, data=data))}
+    finding = one(look(LAPTOP, link, data_bitrate=5_000_000), "can0")
+    assert (finding[0], finding[1] if found else None) == ((BAD, found) if found else (OK, None))
+
+
 def test_can_interface_that_is_down_has_one_problem_and_remedy(look):
     findings = look(PI_4, {"/sys/class/net/can0/operstate": "down\n"}, bitrate=500_000)
     assert one(findings, "can0") == (BAD, "is down")

@@ -72,6 +72,7 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
     "words, said",
     [
         (["--bitrate", "0"], "--bitrate 0: expected a whole number, 1 or more"),
+        (["--data-bitrate", "500000"], "--data-bitrate 500000: at least that of --bitrate, 1000000"),
         (["--bitrate", "5000000"], "--bitrate 5000000: at most 1000000"),
         (
             ["--overlay", "x; rm"],

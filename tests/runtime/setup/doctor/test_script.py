@@ -152,6 +152,13 @@ def test_a_can_interface_gets_a_unit_and_a_queue(written, tmp_path):
     )
 
 
+def test_an_interface_of_can_fd_gets_the_bitrate_of_its_data(written, tmp_path):
+    path, _ = written(PI_4, data_bitrate=5_000_000)
+    look(path, tmp_path / "into")
+    unit = files(tmp_path / "into")["etc/systemd/network/80-tickwork-can.network"]
+    assert unit.endswith("[CAN]\nBitRate=1000000\nDataBitRate=5000000\nFDMode=yes\nRestartSec=100ms\n")
+
+
 def test_hat_overlay_is_added_to_config_txt_once_for_every_model(written, tmp_path):
     path, _ = written(NO_CAN_ON_PI, overlays=["mcp251xfd,spi0-0,interrupt=25"])
     config = tmp_path / "into" / "boot" / "firmware" / "config.txt"
