@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import signal
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ COMMANDED = 0.97  # of the limit, largest command: its code is rounded
 STEEPEST = 0.5  # of m g l, largest torque that the lever is to show: 30°
 START_SHARE, GROWTH_TIME = 0.02, 2.5  # of the torque; s to its full value, exponentially
 REST_TIME, HOLD_TIME = 0.8, 1.2  # s
+SWING, SWING_LIMIT = 0.15, 6.0  # rad within REST_TIME, in which a lever still swings; s for which it may
 TORQUE_TOLERANCE = 0.12  # of the torque of the lever
 SHOWN_SHARE = 0.25  # of the expected deflection, below which the drive gives no torque
 SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
@@ -91,11 +93,12 @@ class LeverProbe(Probe):
         self.allowance = self.silence + 0.1 if self.silence else 0.0
         self.ends = [REST_TIME, REST_TIME + GROWTH_TIME, REST_TIME + GROWTH_TIME + HOLD_TIME]
         self.side_time = self.ends[2] + self.silence + REST_TIME  # s, of one direction
+        self.count = 1 if self.silence else 2  # directions
 
     @property
     def duration(self) -> float:
-        """Duration in s."""
-        return (1 if self.silence else 2) * self.side_time
+        """Longest duration in s."""
+        return self.count * (self.side_time + SWING_LIMIT)
 
     def sides(self) -> dict[str, list[tuple[Any, ...]]]:
         """Return the rows of each direction, {"+" or "-": rows}."""
@@ -103,16 +106,22 @@ class LeverProbe(Probe):
 
     def reset(self):
         self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
+        self.recent, self.waited, self.ended = deque(maxlen=round(REST_TIME / self.dt)), 0.0, False
 
     def step(self, position, velocity, reported, t):
-        phase, local = divmod(t, self.side_time)
+        phase, local = divmod(t - self.waited, self.side_time)
+        self.recent.append(position)
+        self.ended = phase >= self.count
+        if self.ends[0] - 1.5 * self.dt < local < self.ends[0] and self.waited < (phase + 1.0) * SWING_LIMIT:
+            if max(self.recent) - min(self.recent) > SWING:  # of the direction, or the step, before
+                self.waited += self.dt
         sign = 1.0 if phase == 0.0 else -1.0
         rest = sum(self.rest) / len(self.rest) if self.rest else position
         deflection = position - rest
         if local < self.ends[0]:
             self.command, self.grown = 0.0, False
             if phase == 0.0:
-                self.rest.append(position)
+                self.rest = list(self.recent)
         elif local < self.ends[1]:
             shown = self.lever * abs(math.sin(max(-1.5, min(1.5, deflection))))
             self.grown = self.grown or shown >= self.wanted
@@ -131,7 +140,7 @@ class LeverProbe(Probe):
         if self.ends[1] + 0.3 * HOLD_TIME < local < self.ends[2]:
             self.rows.append(("+" if sign > 0 else "-", deflection, self.command, reported, velocity))
         lost = abs(deflection) > SWUNG or abs(velocity) > TOO_FAST
-        return self.command, self.command / self.constant, lost
+        return self.command, self.command / self.constant, lost or self.ended
 
 
 def torque(bench: Bench, block: Any, given: Given) -> Result:

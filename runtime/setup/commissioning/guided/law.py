@@ -58,7 +58,7 @@ class LawProbe(LeverProbe):
         torque, _, over = super().step(position, velocity, reported, t)
         self.limited_ticks += limited > self.limited_before and len(self.rows) > used
         self.limited_before = limited
-        if t < self.side_time:
+        if t - self.waited < self.side_time:
             return 0.0, 0.0, over, position + torque / self.stiffness, velocity, self.stiffness, 0.0
         return 0.0, 0.0, over, position, velocity + torque / self.damping, 0.0, self.damping
 

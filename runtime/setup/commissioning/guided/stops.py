@@ -67,7 +67,7 @@ class HoldProbe(LeverProbe):
         self.reported_hold, self.parent = False, os.getppid()
 
     def step(self, position, velocity, reported, t):
-        if t > self.ends[1] + SETTLE_TIME and not self.reported_hold:
+        if t - self.waited > self.ends[1] + SETTLE_TIME and not self.reported_hold:
             self.reported_hold = True
             if self.pipe >= 0:
                 os.write(self.pipe, b"h")

@@ -38,12 +38,13 @@ class Hanging(Block):
 
     moment = Param(0.1, "kg·m", "mass × length")
     length = Param(0.2, "m")
+    start = Param(0.0, "rad", "from where it swings at the beginning")
     torque = Input("N·m")
     position = Output("rad")
     velocity = Output("rad/s")
 
     def reset(self):
-        self.at, self.speed, self.most = 0.0, 0.0, 0.0
+        self.at, self.speed, self.most = self.start, 0.0, 0.0
 
     def step(self):
         return self.at, self.speed
@@ -62,19 +63,22 @@ def block_of(kind, model, parameters):
         return getattr(actuators, kind)(model, can_id=1, range=(-6.0, 6.0), name="knee", **parameters)
 
 
-def carried_out(block, fades=(), **faults):
-    """(Result of the torque step, largest torque) of an emulated drive. fades : (s, s) in which no reply arrives"""
+def carried_out(block, fades=(), start=0.0, **faults):
+    """(Result of the torque step, largest torque) of an emulated drive.
+
+    fades : (s, s) in which no reply arrives; start : rad, from where the lever swings
+    """
     moment = 1.2 * driven.USED_SHARE * driven.rated_of(block) / driven.STEEPEST / driven.GRAVITY
     lever = driven.Lever(moment / LEVER, LEVER)
     robot, probe = driven.lever_diagram(block, lever, 0.0)
     with Diagram("plant", rate=2000) as plant:
-        arm = Hanging(moment=moment, length=LEVER)
+        arm = Hanging(moment=moment, length=LEVER, start=start)
         drive = robot["joint"].emulator(name="drive", **faults)
         silent = Given(lambda t: any(begin <= t < end for begin, end in fades), unit="1", dtype=bool)
         arm(drive.torque)
         drive(position=arm.position, velocity=arm.velocity, silent=silent())
     outcome = Rig(robot, plant).run(math.ceil(probe.duration * driven.RATE))
-    assert outcome.status == "ok", (outcome.status, outcome.tick)
+    assert probe.ended, (outcome.status, outcome.tick)
     return driven.torque_of(block, lever, probe), arm.most
 
 
@@ -85,6 +89,14 @@ def test_the_torque_of_a_healthy_drive_agrees_though_replies_are_missing_for_100
     result, most = carried_out(block, fades=[(1.0, 1.1), (7.0, 7.1)])
     assert not result.findings and result.measured["ratio"] == pytest.approx(1.0, abs=0.06), result
     assert 0.02 * driven.rated_of(block) < most <= 0.05 * driven.rated_of(block)
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("start", [-1.2, -0.9, 0.9, 1.2])
+def test_a_lever_that_still_swings_does_not_show_the_torque_of_the_drive(start):
+    result, most = carried_out(block := block_of(*HEALTHY["MIT mode"]), start=start)
+    assert not result.findings and result.measured["ratio"] == pytest.approx(1.0, abs=0.06), result
+    assert result.measured["commanded"] > 0.02 * driven.rated_of(block) and most <= 0.05 * driven.rated_of(block)
 
 
 FAULTS = {  # block, model, faults of the emulator, the finding
