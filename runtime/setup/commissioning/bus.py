@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from runtime.host.errors import BadInput
-from runtime.host.machine.can import ARPHRD_CAN
+from runtime.host.machine.can import ARPHRD_CAN, bitrates
 from runtime.host.machine.probe import Machine
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.file import I2C, SOCKETCAN, UDP, parse, read
-from runtime.robot.rig.interface_checks import bitrates, link
+from runtime.robot.rig.interface_checks import link
 from runtime.robot.rig.tool_bus import ToolBus
 
 if TYPE_CHECKING:
