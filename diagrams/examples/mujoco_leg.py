@@ -1,6 +1,6 @@
 """Knee exoskeleton on a seated leg, which MuJoCo simulates. A spring of the drive lifts the shank.
 
-    python -m runtime diagrams/examples/mujoco_leg.py --duration 5 --name lift
+    python -m runtime diagrams/examples/mujoco_leg.py --duration 5
 
 Angles are knee extension: 0 rad where the shank hangs. The quadriceps extends the knee at 0.5 Hz.
 """

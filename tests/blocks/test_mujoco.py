@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from PIL import Image, ImageSequence
 
 import runtime
 from blocks.mujoco import MujocoBody
@@ -219,7 +220,17 @@ def test_a_misspelled_port_is_corrected(model):
     assert "did you mean 'pole_hinge_torque'?" in found.hint
 
 
-def test_the_picture_of_the_page_shows_the_leg(tmp_path):
+def test_an_exoskeleton_flexes_an_arm_of_myosuite_further_than_its_muscles_alone():
+    Library("myo_sim").__name__  # skips without the models
+    mujoco.MjModel
+    example = ROOT / "diagrams" / "examples" / "mujoco_elbow.py"
+    alone, assisted = (runtime.run(example, 4.0, settings={"stiffness": value}) for value in (0.0, 1.0))
+    angles = alone["elbow.position"], assisted["elbow.position"]
+    assert 0.3 < angles[0].mean() < angles[1].mean() - 0.05 and all(np.ptp(each) > 0.5 for each in angles)
+    assert assisted["elbow.torque"].max() < 4.1
+
+
+def test_the_video_of_the_page_shows_the_moving_leg(tmp_path):
     mujoco.MjModel
     os.symlink(ROOT / "diagrams", tmp_path / "diagrams")
     page = (ROOT / "docs" / "how_to" / "mujoco.md").read_text()
@@ -234,3 +245,7 @@ def test_the_picture_of_the_page_shows_the_leg(tmp_path):
     skin = (picture[..., 0] > 1.15 * picture[..., 2]).mean()
     drive = (picture[..., 2] > 1.5 * picture[..., 0]).mean()
     assert 0.03 < skin < 0.3 and 0.005 < drive < 0.1
+    with Image.open(tmp_path / "leg.webp") as video:
+        frames = [np.array(frame.convert("RGB"), float) for frame in ImageSequence.Iterator(video)]
+    changes = [(np.abs(one - other).max(axis=2) > 40.0).mean() for one, other in zip(frames, frames[1:])]
+    assert len(frames) in (50, 51) and 0.001 < max(changes) < 0.2  # the shank moves, the rest does not

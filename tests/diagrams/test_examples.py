@@ -37,4 +37,4 @@ def test_example_is_short_and_moves_its_joints_from_their_zero(name):
 def test_every_example_is_on_the_page():
     page = (ROOT / "docs" / "how_to" / "examples.md").read_text()
     assert all(f"{name}.py" in page for name in MOTION)
-    assert sorted(path.stem for path in FOLDER.glob("*.py")) == sorted([*MOTION, "hand", "mujoco_leg"])
+    assert sorted(path.stem for path in FOLDER.glob("*.py")) == sorted([*MOTION, "hand", "mujoco_elbow", "mujoco_leg"])

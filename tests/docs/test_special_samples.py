@@ -40,7 +40,7 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "runtime.record.analysis.test_clocks.test_the_clock_of_a_microcontroller_agrees_with_an_edge_on_a_line",
     )
     * 2,
-    "docs/how_to/mujoco.md": ("blocks.test_mujoco.test_the_picture_of_the_page_shows_the_leg",),
+    "docs/how_to/mujoco.md": ("blocks.test_mujoco.test_the_video_of_the_page_shows_the_moving_leg",),
     "docs/how_to/native_blocks.md": (
         "runtime.test_documents.test_the_native_block_of_the_page_compiles_and_runs",
         "runtime.test_documents.test_the_kernel_in_c_of_the_page_compiles_and_runs",

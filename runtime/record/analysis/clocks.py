@@ -46,8 +46,8 @@ class Clock:
 
 def clock(trial: TrialData, name: str, wrap: float = 0.0) -> Clock:
     """Return a clock of a recording, as Trial.clock does."""
-    names = set(trial.names)
-    if name in names and f"{(block := name.rpartition('.')[0])}.age" in names:
+    names, block = set(trial.names), name.rpartition(".")[0] or name
+    if name in names and f"{block}.age" in names:
         reading = trial[name] * units.convert(1.0, trial.unit(name), "s")
         here = trial.time - trial[f"{block}.age"]
     elif f"{name}.offset" in names and f"{name}.stamp" in names:  # of LSL, whose stamps count on CLOCK_MONOTONIC
@@ -65,6 +65,8 @@ def clock(trial: TrialData, name: str, wrap: float = 0.0) -> Clock:
         )
     fresh = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     fresh = fresh[np.isfinite(reading[fresh]) & np.isfinite(here[fresh])]
+    if f"{block}.received" in names:
+        fresh = fresh[trial[f"{block}.received"][fresh] > 0]  # a run without a time-out starts before the first sample
     reading, here = reading[fresh], here[fresh]
     if wrap:
         reading = np.unwrap(reading, period=wrap)

@@ -25,7 +25,7 @@ from runtime.host.system import name_process
 from runtime.record.storage.messages import split
 
 LOOK_PERIOD = 0.0002  # s
-EARLY = 0.0005  # s before the next row is due
+EARLY, BEHIND = 0.0005, 0.002  # s before the next row is due, and if the last one was found late
 IDLE_PERIOD = 0.005  # s, before the first row
 DIAGNOSTICS_PERIOD = 1.0  # s
 OK, ERROR = 0, 2  # levels of diagnostic_msgs
@@ -121,12 +121,14 @@ class Bridge:
     def run(self) -> None:
         """Publish until the recorder has ended."""
         decimation, period = self.plan["decimation"], self.plan["decimation"] / self.plan["rate"]
-        wait = IDLE_PERIOD
+        wait, looks = IDLE_PERIOD, 0  # looks without a new row
         while self.take_events(wait):
+            looks += 1
             if not self.newest.look():
                 wait = LOOK_PERIOD if self.last is not None and self.shared.state == "running" else IDLE_PERIOD
                 continue
-            wait = max(period - EARLY, LOOK_PERIOD)
+            # a row that was there already may have waited for long: the next look is earlier
+            wait, looks = max(period - (EARLY if looks > 1 else BEHIND), LOOK_PERIOD), 0
             for data in self.newest.rows:
                 row = self.unpack(data)
                 if int(row[0]) // decimation == self.last:
