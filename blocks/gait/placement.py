@@ -83,9 +83,10 @@ class SegmentOrder(Block):
     times that of the thigh, and that of a foot 1.34 times that of the shank, in three recorded adults and in walkers
     from 0.5 to 1.9 m/s. The run ends with a fault that names the sensors after 0.2 s in which that of the lower segment
     is less than 0.85 times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. After
-    0.5 s of comparison, samples count only while it is true, and are compared 1 s after it has become true. With one
-    leg, leave the inputs of the right one unconnected. Limits: a knee or ankle that is locked is just within the limit.
-    NaN and infinity are not stored.
+    0.5 s of comparison, samples count only while it is true, and are compared 1 s after it has become true. Samples in
+    which no segment turns faster than 0.3 rad/s do not count: the step that ends a stand turns one thigh alone. With
+    one leg, leave the inputs of the right one unconnected. Limits: a knee or ankle that is locked is just within the
+    limit. NaN and infinity are not stored.
     """
 
     upper = Param("thigh IMU", "1", "name of the sensors on the upper segments in the fault", dtype=str)

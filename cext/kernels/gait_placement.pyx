@@ -136,6 +136,7 @@ cdef enum:                              # statuses
 
 cdef double ORDER_TIME = 1.0            # s, time constant of the variances
 cdef double ORDER_SHARE = 0.85          # of the variance of the upper segment
+cdef double STILL_RATE = 0.3            # rad/s of every segment, below which the wearer stands
 
 
 cdef struct Order:
@@ -165,6 +166,9 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
     if pauses(arena[at.enable], arena[DT], m + ORDERS, m + ONWARD):
         m[DISORDER] = 0.0
         return OK
+    # A stand does not count: the step that ends it turns one thigh alone.
+    if max(fabs(x[0]), fabs(x[1]), fabs(x[2]), fabs(x[3])) < STILL_RATE:
+        share = 0.0
     for i in range(4):
         m[i] += share * (x[i] - m[i])
         m[4 + i] += share * (x[i] * x[i] - m[4 + i])

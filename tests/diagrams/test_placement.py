@@ -158,3 +158,12 @@ def test_a_wearer_who_stops_and_walks_on_is_no_fault(robot):
         settings = {"speed": schedule, "person": person, "mass": 50 + 5 * person, "seed": person}
         trial = runtime.run(path(robot), 18.0, settings=settings)
         assert trial.fault is None, (person, trial.fault)
+
+
+@pytest.mark.parametrize("person, speed, walk, stand", [(0, 0.5, 1.0, 2.0), (3, 0.8, 0.5, 1.5), (1, 1.2, 1.0, 2.0)])
+def test_an_abrupt_start_after_two_steps_and_a_stand_is_no_fault(person, speed, walk, stand):
+    stop = 1.4 + walk
+    schedule = f"0:0 0.5:0 0.8:{speed} {stop - 0.4}:{speed} {stop}:0 {stop + stand}:0 {stop + stand + 0.3}:{speed}"
+    settings = {"speed": schedule, "person": person, "mass": 50 + 4 * person, "seed": person}
+    trial = runtime.run(path("hip_exo_2dof"), stop + stand + 4.0, settings=settings)
+    assert trial.fault is None, trial.fault
