@@ -16,7 +16,7 @@ import numpy as np
 
 from cext.recording.newest_row import NewestRow
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
-from runtime.host.errors import BadInput, RunFault
+from runtime.host.errors import BadInput, RunFault, UnknownName
 from runtime.host.interrupts import interruptible
 from runtime.host.live import table
 from runtime.host.live.requests import as_text, changes_of
@@ -116,7 +116,7 @@ class ConnectedRobot:
                 return parameter.plain(value)
         known = [*self._columns, *(parameter.path for parameter in self._table.parameters)]
         hint = suggestion(path, known)
-        raise KeyError(
+        raise UnknownName(
             f"{self._table.name} records no signal {path!r} and has no such live parameter" + (f": {hint}" * bool(hint))
         )
 

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph.solvers import INACCURATE
-from runtime.host.errors import BadInput, RunFault
+from runtime.host.errors import BadInput, RunFault, UnknownName
 from runtime.host.interrupts import interruptible, show_as_line
 from runtime.host.live.requests import as_text, changes_of
 from runtime.host.live.table import describe, parse
@@ -224,7 +224,7 @@ class SimulatedRun:
             return getattr(self._robot[block], name)
         parameters = [f"{block.path}.{name}" for block in self._robot for name in block.parameters]
         hint = suggestion(path, [*self._schedule.signals, *of_plant, *parameters])
-        raise KeyError(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
+        raise UnknownName(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
 
     def newest(self, columns: Sequence[int], ticks: int) -> np.ndarray:
         """Return recorded signals of the newest ticks, an array (ticks, columns).

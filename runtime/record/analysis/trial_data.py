@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runtime.host.console.terminal import one_line
+from runtime.host.errors import UnknownName
 from runtime.host.suggestions import suggestion
 from runtime.record.storage.batches import NO_FRAMES, Batch, Rows, payloads
 from runtime.record.storage.parts import Recording
@@ -413,7 +414,7 @@ class TrialData:
                 hint = f"it is a block with the signals {', '.join(of_block)}"
             elif path in ("t", "time", "tick"):
                 hint = f"it is the attribute {'tick' if path == 'tick' else 'time'} of the trial"
-            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
+            raise UnknownName(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
         last = np.array([[int(number) for number in re.findall(r"\d+", text)] for text in indices.values()]).max(axis=0)
         return list(indices), tuple(int(number) + 1 for number in last)
 

@@ -30,6 +30,18 @@ def test_a_trial_shows_its_run_and_its_signals(trial):
     assert "ended ok" in text and "left/knee.position rad" in text and f"{len(trial.names)} signals" in text
 
 
+def test_a_mistake_in_a_cell_is_shown_as_its_line_and_the_remedy(trial, capsys):
+    shell = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell()
+    shell.user_ns["trial"] = trial
+    for cell, said in (
+        ("import runtime\ntrial['left/knee.positon']", "knee_exo has no signal 'left/knee.positon': did you mean "),
+        ("import runtime\nruntime.run('none.py', 1)", "file none.py does not exist"),
+    ):
+        shell.run_cell(cell)
+        first, second = capsys.readouterr().out.splitlines()
+        assert first == f"line 2: {cell.splitlines()[1]}" and second.partition(": ")[2].startswith(said)
+
+
 def test_a_trial_with_a_fault_shows_the_report_and_escapes_it(tmp_path):
     failed = runtime.run(knee(tmp_path, 'raise ValueError("a < b & c")'), 1)
     assert "FAULT at law, tick 0" in text_of(failed._repr_html_()) and "a < b & c" in text_of(failed._repr_html_())
