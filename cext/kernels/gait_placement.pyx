@@ -189,6 +189,7 @@ cdef enum:                              # statuses
 
 cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means
 cdef double MEAN_AFTER = 3.0            # s of samples from which they are compared
+cdef double STAND_AFTER = 1.0           # s of samples from which a stand does not count
 cdef double SLIP_TIME = 1.0             # s of a changed posture that are a fault
 cdef double USUAL_TIME = 30.0           # s, time constant of the usual posture
 cdef double USUAL_AFTER = 5.0           # s of walking from which it is known
@@ -198,7 +199,7 @@ cdef struct Posture:
     int32_t left, right, enable, lowest, highest, difference, slip
     int32_t means               # see below
 
-POSTURE = items((<Posture *>ITEMS)[0], "means[11]")
+POSTURE = items((<Posture *>ITEMS)[0], "means[13]")
 
 cdef enum:
     STAGE = 0                   # first stage of the means of left and right,
@@ -209,6 +210,7 @@ cdef enum:
     ASTRAY = 8                  # s of a wrong posture, less s of a right one
     POSTURES = 9                # s of comparison,
     AGAIN = 10                  # and since a pause
+    BEFORE = 11                 # left and right, one tick before
 
 
 cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) noexcept nogil:
@@ -229,7 +231,11 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     # 1. Means of two stages, which weigh the first samples alike.
     m[TIME] += arena[DT]
     share = arena[DT] / min(m[TIME], POSTURE_TIME)
+    # A stand does not count once the legs have moved: it may end with one leg before the other.
+    if m[TIME] > STAND_AFTER and max(fabs(x[0] - m[BEFORE]), fabs(x[1] - m[BEFORE + 1])) < STILL_RATE * arena[DT]:
+        share = 0.0
     for i in range(2):
+        m[BEFORE + i] = x[i]
         m[STAGE + i] += share * (x[i] - m[STAGE + i])
         m[MEAN + i] += share * (m[STAGE + i] - m[MEAN + i])
     if arena[at.enable] == 0.0 or m[TIME] < MEAN_AFTER:
