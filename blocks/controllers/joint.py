@@ -134,3 +134,38 @@ class GravityCompensation(Block):
     def output_range(self, angle: Interval) -> Interval:
         sine = wave(math.sin, angle, 0.5 * math.pi)
         return self.span("share") * self.span("mass") * Interval.point(GRAVITY) * self.span("length") * sine
+
+
+class DisturbanceObserver(Block):
+    """Torque that acts on a joint besides the commanded one: d̂ = g / (s + g) · (J dω/dt + B ω − τ).   (Ohnishi 1987)
+
+    Friction that the damping B leaves out, gravity, a wearer, an error of the inertia J. No derivative is taken: the
+    observer filters momentum and torque. d̂ starts at 0, and follows a step of the disturbance with the time constant
+    1/g. Its error is 0 for a constant disturbance, torque and inertia. Direct feedthrough of the velocity only, so
+    the command that is its torque may subtract d̂. NaN persists until the next reset.
+    """
+
+    inertia = Param(0.1, "kg·m²", "inertia J of the joint and its load", above=0.0, fixed=True)
+    damping = Param(0.0, "N·m·s/rad", "viscous friction B, which is not part of d̂", min=0.0, fixed=True)
+    bandwidth = Param(20.0, "rad/s", "bandwidth g; at most the rate of the block", above=0.0, fixed=True)
+    limit = Param(5.0, "N·m", "largest d̂", above=0.0, fixed=True)
+
+    torque = Input("N·m", "torque τ of the drive")
+    velocity = Input("rad/s", "joint velocity ω")
+    disturbance = Output("N·m", "estimate d̂ of the torque that acts besides τ; positive increases the velocity")
+    filtered = Memory(0.0, "filtered sum of g J ω, τ and -B ω")
+    started = Memory(0.0, "1 after the first tick")
+
+    kernel = kernels.observer
+    update_kernel = kernels.observer_next
+    feedthrough = ("velocity",)
+
+    def prepare(self, dt: float) -> None:
+        """Raise ValueError for a bandwidth above the rate of the block."""
+        if self.bandwidth * dt > 1.0:
+            raise ValueError(
+                f"bandwidth must be at most the rate of the block, {1 / dt:g} rad/s, got {self.bandwidth:g}"
+            )
+
+    def output_range(self, torque: Interval, velocity: Interval) -> Interval:
+        return Interval(-self.limit, self.limit)

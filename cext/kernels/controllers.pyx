@@ -4,7 +4,7 @@
 from libc.math cimport sin
 from libc.stdint cimport int32_t
 
-from cext.abi cimport ITEMS, OK, export, items, kernel_t
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip
 
 
@@ -67,6 +67,30 @@ cdef int gravity_kernel(double *arena, const Gravity *at, const Gravity *sizes) 
     return OK
 
 
+cdef struct Observer:
+    int32_t torque, velocity, disturbance, inertia, damping, bandwidth, limit, filtered, started
+
+OBSERVER = items((<Observer *>ITEMS)[0])
+
+
+cdef int observer_kernel(double *arena, const Observer *at, const Observer *sizes) noexcept nogil:
+    cdef double momentum = arena[at.bandwidth] * arena[at.inertia] * arena[at.velocity]
+    if arena[at.started] == 0.0:
+        arena[at.started], arena[at.filtered] = 1.0, momentum
+    arena[at.disturbance] = clip(momentum - arena[at.filtered], -arena[at.limit], arena[at.limit])
+    return OK
+
+
+cdef int observer_update(double *arena, const Observer *at, const Observer *sizes) noexcept nogil:
+    cdef double bandwidth = arena[at.bandwidth]
+    cdef double velocity = arena[at.velocity]
+    cdef double x = bandwidth * arena[at.inertia] * velocity + arena[at.torque] - arena[at.damping] * velocity
+    arena[at.filtered] += min(bandwidth * arena[DT], 1.0) * (x - arena[at.filtered])
+    return OK
+
+
+observer = export(<kernel_t>observer_kernel, OBSERVER)
+observer_next = export(<kernel_t>observer_update, OBSERVER)
 impedance = export(<kernel_t>impedance_kernel, IMPEDANCE)
 admittance = export(<kernel_t>admittance_kernel, ADMITTANCE)
 admittance_next = export(<kernel_t>admittance_update, ADMITTANCE)

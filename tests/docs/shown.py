@@ -87,6 +87,14 @@ SHOWN = {
     "EmulatedFSR": Shown(inputs={"force": 'Ramp(slope=25.0, unit="N")()'}),
     "EmulatedLoadCell": Shown(inputs={"force": 'Ramp(slope=100.0, initial=-100.0, unit="N")()'}),
     "FSR": Shown(inputs={"voltage": 'Ramp(slope=1.6, unit="V")()'}),
+    "DisturbanceObserver": Shown(  # of a load on the plant, which the drive cancels
+        {"inertia": 0.35},
+        {"torque": "drive.y", "velocity": "plant.velocity"},
+        "step",
+        1.0,
+        plant=f'{JOINT}\n    drive = Gain(-1.0, name="drive")',
+        closing='torque=drive.y + StepSource(time=0.1, after=2.0, unit="N·m")())\ndrive(command',
+    ),
     "FeedForward": Shown(
         {"inertia": 0.35, "damping": 1.0},
         {
