@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
+from numbers import Real
 from pathlib import Path
+from typing import Any
 
 from blocks._plumbing.paths import path_beside
 from blocks._plumbing.ports import check_port_names
 from cext.kernels import compiled as kernels
 from graph import Block, Input, Memory, Output, Param, units
 from graph.declarations import Port
+from graph.narrowing import is_row
 
 
 class Compiled(Block):
@@ -90,10 +93,11 @@ class Compiled(Block):
         return f"its library computed {text} = {self.library.result(status - kernels.OUTSIDE):g}{unit}, not {allowed}"
 
 
-def output(name: str, stated: str | tuple[str, float, float]) -> Output:
+def output(name: str, stated: Any) -> Output:
     """Return the Output of an entry of `gives`. Raises ValueError."""
-    unit, *limits = (stated,) if isinstance(stated, str) else stated
-    if limits and not (len(limits) == 2 and limits[0] <= limits[1]):
+    unit, *limits = stated if is_row(stated) and stated else (stated,)
+    numbers = all(isinstance(limit, Real) for limit in limits)
+    if not isinstance(unit, str) or limits and not (len(limits) == 2 and numbers and limits[0] <= limits[1]):
         raise ValueError(f"gives: {name} must be a unit, or (unit, lowest, highest value), got {stated!r}")
     port = Output(unit, "output of the controller", range=(limits[0], limits[1]) if limits else None)
     return port.named(name)
@@ -120,4 +124,4 @@ def bounds(port: Output) -> tuple[float, float, bool]:
     return max(low, -limit), min(high, limit), port.dtype == "int"
 
 
-_RESERVED_NAMES = {name for name in dir(Compiled) if not name.startswith("_")} | set(Compiled.parameters)
+_RESERVED_NAMES = {*dir(Compiled), *Compiled.parameters, "library", "elements"}

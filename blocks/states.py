@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 from blocks._plumbing.conditions import Code, compile_assignment, compile_condition
@@ -11,6 +12,7 @@ from blocks._plumbing.ports import check_port_names
 from blocks._plumbing.ranges import hull
 from cext.kernels import states as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
+from graph.narrowing import is_row, is_table
 
 INSIDE = ("states", "history", "entry", "exit")  # what a state has besides values of outputs
 
@@ -87,6 +89,9 @@ class StateMachine(Block):
         own = {
             name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
         }
+        for name, held in self.holds.items():
+            if not (is_row(held) and len(held) == 2 and isinstance(held[1], Real)):
+                raise ValueError(f"holds: {name} must be (unit, value at the start), got {held!r}")
         kept = {
             name: Output(unit, f"value of {name} that an action has set").named(name)
             for name, (unit, _) in self.holds.items()
@@ -94,6 +99,7 @@ class StateMachine(Block):
         check_port_names([*self.inputs, *own, *kept], [*StateMachine.outputs, *INSIDE])
         self.outputs = {**StateMachine.outputs, **own, **kept, **type(self).outputs}  # the kernel finds its own first
         self.chart = list(flatten(self.states, self.gives))
+        self._places = {state.name: place for place, state in enumerate(self.chart)}
         if not self.chart:
             raise ValueError("a state machine requires at least one state")
         leaves = [state for state in self.chart if not state.inner]
@@ -107,8 +113,9 @@ class StateMachine(Block):
         )
         code: Code = []
         nodes: list[float] = []
+        numbers = iter(range(len(leaves)))
         for state in self.chart:
-            number = leaves.index(state) if state in leaves else -1.0
+            number = -1.0 if state.inner else next(numbers)
             nodes += [state.outer, state.inner[0] if state.inner else -1.0, state.history, number]
             for actions in (state.entry, state.exit):
                 compiled = self.actions(state, actions)
@@ -146,10 +153,9 @@ class StateMachine(Block):
 
         Raises ValueError for an unknown state.
         """
-        names = [state.name for state in self.chart]
-        if name not in names:
-            raise ValueError(f"{where!r}: there is no state {name!r}. The states are {', '.join(names)}")
-        return names.index(name)
+        if name not in self._places:
+            raise ValueError(f"{where!r}: there is no state {name!r}. The states are {', '.join(self._places)}")
+        return self._places[name]
 
     def scope(self, source: int, target: int) -> int:
         """Return the innermost state around both states of a transition, -1 for none."""
@@ -191,21 +197,40 @@ class State:
     exit: dict[str, Any]
 
 
+def table_of(value: Any, what: str) -> dict[Any, Any]:
+    """Return a value that is a dict. what : its name, for the message. Raises ValueError for another one"""
+    if not is_table(value):
+        raise ValueError(f"{what} must be a table in braces, got {value!r}")
+    return value
+
+
 def flatten(states: dict[str, Any], gives: Iterable[str]) -> list[State]:
     """Return the states, each before those in it. Raises ValueError for a name or a value that is wrong."""
     found: list[State] = []
+    names: set[str] = set()
 
-    def add(states: dict[str, Any], outer: int, path: str, values: dict[str, float], level: int) -> tuple[int, ...]:
+    def add(states: dict[Any, Any], outer: int, path: str, values: dict[str, float], level: int) -> tuple[int, ...]:
         if level > kernels.NESTING:
             raise ValueError(f"states {path!r}: they are nested in more than {kernels.NESTING} levels")
         added: list[int] = []
-        for name, content in states.items():
-            if name in [state.name for state in found]:
-                raise ValueError(f"there are two states {name!r}: each needs a name of its own, in any state")
+        for name, content in table_of(states, f"the states in {path[:-1]!r}" if path else "states").items():
+            table_of(content, f"state {name!r}")
+            if not isinstance(content.get("history", False), bool):
+                raise ValueError(f"state {name!r}: history must be True or False, got {content['history']!r}")
+            if not isinstance(name, str) or name in names:
+                problem = "there are two states" if name in names else "the name of a state must be text, got"
+                raise ValueError(f"{problem} {name!r}: each needs a name of its own, in any state")
+            names.add(name)
+            for key, value in content.items():
+                if key not in INSIDE and not isinstance(value, Real):
+                    raise ValueError(f"state {name!r}: {key} must be a number, got {value!r}")
             own = values | {key: value for key, value in content.items() if key not in INSIDE}
             place, inside = len(found), content.get("states", {})
             added.append(place)
-            more = content.get("history", False), content.get("entry", {}), content.get("exit", {})
+            more = (
+                content.get("history", False),
+                *(table_of(content.get(actions, {}), f"{actions} of state {name!r}") for actions in ("entry", "exit")),
+            )
             found.append(State(name, f"{path}{name}", outer, (), own, *more))
             if inside:
                 inner = add(inside, place, f"{path}{name}.", own, level + 1)

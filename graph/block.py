@@ -215,8 +215,11 @@ class Block:
                 "its subclasses are checked against it"
             )
         for name in self.outputs:
-            if not hasattr(type(self), name):
+            if not hasattr(self, name):
                 setattr(self, name, Signal(self, name))  # of an output that the parameters have made
+            elif not isinstance(getattr(self, name), Signal):
+                message = f"{name!r} cannot be the name of an output: the block has another attribute of this name"
+                raise self._error("TW010", message, self.location, "rename the output")
 
     # What a block's author may define
 

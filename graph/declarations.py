@@ -19,7 +19,7 @@ from cext.user_text import repr_of, text_of
 from graph import units
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.interval import Interval
-from graph.narrowing import is_row, is_tuple
+from graph.narrowing import is_row, is_table, is_tuple
 from graph.signal import Signal
 
 RAMP_TIME = 1.0  # s in which a live parameter without a slew crosses its range
@@ -369,14 +369,19 @@ class Param(Declaration, Generic[T]):
                         f': if it is in degrees, write "{value:g} deg"' if self.unit == "rad" and abs(value) > 7 else ""
                     )
                     raise ValueError(f"must be {words}{unit}, got {value}{degrees}")
+        if self.dtype is dict and not is_table(value):
+            raise ValueError(f"expected a table in braces, got {repr_of(value)}")
         if self.choices is not None and value not in self.choices:
             raise ValueError(f"must be one of {', '.join(map(text_of, self.choices))}, got {repr_of(value)}")
         return value
 
     def in_unit(self, value: Any) -> Any:
-        """Convert quantities that name their unit, such as "10 deg", even in a tuple. ValueError"""
+        """Convert quantities that name their unit, such as "10 deg", even in a tuple. ValueError
+
+        The text in a tuple without a unit is kept: names, or conditions such as "0.1 < time_in_state".
+        """
         if is_row(value):
-            return type(value)(map(self.in_unit, value)) if self.dtype is tuple else value
+            return type(value)(map(self.in_unit, value)) if self.dtype is tuple and self.unit != units.ONE else value
         quantity = self.dtype in (float, tuple) and isinstance(value, str) and QUANTITY.match(value)
         return units.parse_quantity(value, self.unit) if quantity else value
 

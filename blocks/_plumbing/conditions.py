@@ -26,7 +26,7 @@ def compile_condition(text: str, names: Mapping[str, tuple[str, int]]) -> Code:
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, AttributeError):
+    except (SyntaxError, AttributeError, RecursionError):
         raise ValueError(f"the condition {text!r} is not an expression") from None
     code: Code = []
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import math
+import unicodedata
 from collections.abc import Container, Iterable
 
 from graph import Input, units
@@ -37,10 +38,13 @@ def finite_numbers(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     return numbers
 
 
-def check_port_names(names: Iterable[str], reserved: Container[str]) -> None:
+def check_port_names(names: Iterable[object], reserved: Container[str]) -> None:
     """Raise ValueError for a name that occurs twice, is reserved, or is not an identifier."""
     seen: set[str] = set()
     for name in names:
-        if not name.isidentifier() or keyword.iskeyword(name) or name in reserved or name in seen:
+        valid = isinstance(name, str) and name.isidentifier() and not keyword.iskeyword(name) and name != "self"
+        if not isinstance(name, str) or not valid or name in reserved or name in seen:
             raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
+        if (written := unicodedata.normalize("NFKC", name)) != name:
+            raise ValueError(f"{name!r} cannot be the name of a port: Python reads it as {written!r}. Use that name")
         seen.add(name)

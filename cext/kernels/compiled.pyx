@@ -2,6 +2,7 @@
 """Controllers in shared libraries with the functions of cext/tickwork.h."""
 
 import os
+from struct import error, unpack_from
 from tempfile import NamedTemporaryFile
 
 from libc.math cimport NAN, floor
@@ -73,6 +74,8 @@ cdef class Library:
 
     def __cinit__(self, bytes content):
         cdef fenv_t environment
+        if is_cut(content):
+            raise ValueError("its end is missing: compile or copy it again")
         with NamedTemporaryFile(suffix=".so") as copy:      # of a new name: dlopen returns the same library for the same
             copy.write(content)
             copy.flush()
@@ -134,6 +137,18 @@ cdef class Library:
     def result(self, int index):
         """Return an output as the library computed it last."""
         return self.state.results[index]
+
+
+def is_cut(bytes content):
+    """Return whether a segment of an ELF file lies beyond its end, where dlopen would end the process by SIGBUS."""
+    if not content.startswith(b"\x7fELF\2\1"):
+        return False                                        # dlopen names the mistake
+    try:
+        (first,), (length, count) = unpack_from("<Q", content, 32), unpack_from("<HH", content, 54)
+        segments = [unpack_from("<QQQQ", content, first + length * number + 8) for number in range(count)]
+    except error:
+        return True
+    return any(offset + size > len(content) for offset, _, _, size in segments)
 
 
 cdef int restart(State *state) noexcept nogil:

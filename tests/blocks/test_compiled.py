@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,11 +201,19 @@ def test_a_library_that_does_not_fit_is_refused(tmp_path, words):
 def test_a_file_that_is_no_library_and_other_ports_are_refused(tmp_path):
     (tmp_path / "text.so").write_text("no library")
     assert "text.so: file too short" in str(refusal(Compiled, str(tmp_path / "text.so"), **PORTS))
+    whole = Path(library(tmp_path, SPRING, "cut")).read_bytes()
+    for length in (100, len(whole) // 3):  # of a copy or a compilation that has not ended: dlopen raises SIGBUS
+        (tmp_path / "cut.so").write_bytes(whole[:length])
+        assert "cut.so: its end is missing: compile or copy it again" in str(
+            refusal(Compiled, str(tmp_path / "cut.so"), **PORTS)
+        )
     assert "there is no none.so" in str(refusal(Compiled, "none.so", **PORTS))
     file = library(tmp_path, SPRING)
     assert "'file' cannot be the name of a port" in str(refusal(Compiled, file, takes={"file": "1"}))
-    gives = {"torque": ("N·m", 1.0)}
-    assert "torque must be a unit, or (unit, lowest, highest value)" in str(refusal(Compiled, file, gives=gives))
+    assert "'library' cannot be the name of a port" in str(refusal(Compiled, file, takes={"library": "1"}))
+    for stated in (("N·m", 1.0), ("N·m", "-1", "1"), (), 12.0):
+        words = "torque must be a unit, or (unit, lowest, highest value)"
+        assert words in str(refusal(Compiled, file, gives={"torque": stated}))
 
 
 def test_fast_mathematics_of_a_library_does_not_change_the_results_of_others(tmp_path):

@@ -167,6 +167,13 @@ def test_random_charts_equal_an_interpreter(seed):
     assert len(visited) >= 10
 
 
+def test_a_condition_may_begin_with_a_number():
+    with Diagram("early", rate=RATE) as diagram:
+        states, transitions = {"before": {}, "after": {}}, (("before", "after", "0.025 < time_in_state"),)
+        StateMachine(states=states, transitions=transitions, name="machine")()
+    assert list(run(diagram, 5)["machine.state"]) == [0, 0, 0, 1, 1]
+
+
 REFUSED = {
     "there are two states 'swing'": {"states": {"a": {"states": {"swing": {}}}, "swing": {}}},
     "nested in more than 8 levels": {"states": {"a": {}}},
@@ -174,6 +181,19 @@ REFUSED = {
     "state 'seated' has a value for colour, which is not an output": {
         "states": {"seated": {"stiffness": 1.0, "damping": 1.0, "colour": 1.0}}
     },
+    "state 'a': history must be True or False, got 'deep'": {"states": {"a": {"history": "deep"}}},
+    "entry of state 'a' must be a table in braces, got 'n = 1'": {"states": {"a": {"entry": "n = 1"}}},
+    "state 'a' must be a table in braces, got 3.0": {"states": {"a": 3.0}},
+    "the states in 'a' must be a table in braces, got ['b']": {"states": {"a": {"states": ["b"]}}},
+    "states: expected a table in braces, got ['a', 'b']": {"states": ["a", "b"]},
+    "state 'a': y must be a number, got None": {"gives": {"y": "1"}, "states": {"a": {"y": None}}},
+    "holds: n must be (unit, value at the start), got 1.0": {"holds": {"n": 1.0}, "states": {"a": {}}},
+    "'\u00b5' cannot be the name of a port: Python reads it as '\u03bc'": {
+        "takes": {"\u00b5": "1"},
+        "states": {"a": {}},
+    },
+    "'chart' cannot be the name of an output": {"gives": {"chart": "1"}, "states": {"a": {"chart": 1.0}}},
+    "'self' cannot be the name of a port": {"takes": {"self": "1"}, "states": {"a": {}}},
     "an action sets 'steps', which `holds` does not have (none)": {
         "gives": {},
         "states": {"walking": {"entry": {"steps": "1"}}},

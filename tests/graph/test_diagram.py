@@ -191,7 +191,7 @@ def test_a_block_with_several_outputs_requires_one_by_name():
     with Diagram("d", rate=100):
         phase = GaitPhase()(0.0, 0.0)
         found = refusal(Gain(), phase)
-    assert found.message == "expected one signal, got 4 (phase, walking, stride_time, strides)"
+    assert found.message == "expected one signal, got 5 (phase, walking, stride_time, strides, uncertainty)"
 
 
 def test_outputs_are_returned_by_position_and_by_name():

@@ -72,7 +72,7 @@ def test_a_block_without_a_sampling_period_is_reported():
 
 
 def test_outputs_come_in_their_types():
-    phase, walking, stride_time, strides = GaitPhase().step(0.0, 0.0)
+    phase, walking, stride_time, strides, _ = GaitPhase().step(0.0, 0.0)
     assert (
         (phase, walking, stride_time, strides) == (0.0, False, 0.0, 0)
         and type(walking) is bool
