@@ -59,7 +59,7 @@ def catalog(name: str | None = None, library: str | None = None, models: bool = 
         return listing(installed, console, described=library is not None)
     homes = {kind: home for entry in installed for kind, home in entry.homes.items()}
     in_family = [kind for kind, home in homes.items() if name.lower() in (family_of(home), home)]
-    if in_family:
+    if in_family and name not in {kind.__name__ for kind in homes}:  # `Compiled` is a block in the family `compiled`
         return _rows(in_family, console)
     return [
         line

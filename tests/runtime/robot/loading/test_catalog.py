@@ -92,6 +92,10 @@ def test_the_name_of_a_topic_lists_its_blocks(command_line, kinds):
     ]
 
 
+def test_a_block_with_the_name_of_its_topic_is_described(command_line):
+    assert "path of the library" in command_line("blocks", "Compiled")[1]
+
+
 def test_arithmetic_blocks_are_listed_in_their_public_module(command_line):
     assert command_line("blocks", "Sum")[1].startswith("Sum  from blocks.mathematics import Sum\n")
     assert command_line("blocks")[1].count(" Sum ") == 1
