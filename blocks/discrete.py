@@ -161,3 +161,27 @@ class Derivative(Block):
         rounding = 1e-14 * max(abs(u.low), abs(u.high)) / self.dt
         bound = (u.high - u.low) / (self.span("time_constant").low + self.dt) + rounding
         return Interval(-bound, bound)
+
+
+class Unwrap(Block):
+    """Angle without jumps: y = u plus the whole turns since the start.
+
+        Butterworth(cutoff=6.0)(Unwrap()(attitude.yaw))
+        Derivative()(Unwrap(period=1.0)(gait.phase))
+
+    A change by more than half a period since the last finite input counts as the shorter way in the other direction, so
+    the input must turn by less than half a period per tick. Starts at u. Direct feedthrough. NaN passes, infinity
+    becomes NaN; neither is stored.
+    """
+
+    period = Param(math.tau, "any", "one turn: 2π for an angle, 1 for a phase", above=0.0, fixed=True)
+
+    u = Input("any", "angle or phase that jumps by a period", shape=...)
+    y = Output("any", "u without jumps", shape=...)
+    last = Memory(math.nan, "last finite input")
+    turns = Memory(0.0, "whole turns since the start")
+
+    kernel = kernels.unwrap
+
+    def prepare(self, dt: float) -> None:
+        self.last, self.turns = [math.nan] * self.width, [0.0] * self.width

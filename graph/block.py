@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict
 
@@ -74,7 +74,9 @@ class Block:
     smooth: tuple[str, ...] = ()  # inputs at which a jump of a periodic value gives wrong outputs, as in a filter
     passes_jumps: bool = False  # an input appears in its outputs unchanged, or multiplied, or added to others
     clips: bool = False  # a limiter, whose output range is the values that it passes
-    winds_up: tuple[str, ...] = ()  # outputs that integrate an error, and would do so beyond a limit behind them
+    winds_up: Mapping[
+        str, str
+    ] = {}  # outputs that integrate an error beyond limits behind them: inputs that track these
     output_slew: Any = None  # fastest change of its output per second, where the block bounds it
     jit: bool = False  # compile the step to a kernel, where Numba is installed
     continuous: bool = False  # has continuous states: graph/continuous.py

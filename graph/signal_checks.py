@@ -38,7 +38,8 @@ def check_circles(compilation: Compilation) -> None:
                 reader,
                 input,
                 compilation.where(reader, input),
-                "filter its sine and cosine and take their Atan2, or use the angular velocity of the sensor",
+                "put Unwrap in front, filter its sine and cosine and take their Atan2, or use the angular velocity of "
+                "the sensor",
                 "warning",
             )
 
@@ -60,7 +61,12 @@ def jumps(start: Signal, followers: dict[Signal, list[tuple[Block, str]]]) -> It
 
 def check_windup(compilation: Compilation) -> None:
     """Warn of a controller with an integral whose command is clipped behind it."""
-    starts = [Signal(block, name) for block in compilation.blocks for name in block.winds_up]
+    starts = [
+        Signal(block, name)
+        for block in compilation.blocks
+        for name, tracking in block.winds_up.items()
+        if not isinstance(compilation.sources[block, tracking], Signal)
+    ]
     followers = followers_of(compilation.sources) if starts else {}
     for start in starts:
         block, name = start.block, start.port
@@ -72,7 +78,8 @@ def check_windup(compilation: Compilation) -> None:
                 "continues, and later holds the command at that limit",
                 block,
                 name,
-                hint=f"give the limits to the controller, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}",
+                hint=f"give the limits to the controller, as in lower={clipped.low:.4g}, upper={clipped.high:.4g}, or "
+                f"connect the limited command to its input {block.winds_up[name]}",
                 severity="warning",
             )
 

@@ -87,9 +87,11 @@ class PID(_Controller):
     """PID control with limits: u = clip(kp (b r - y) + I + kd d(c r - y)/dt), I += dt ki (r - y).
 
     A filter smooths the derivative. Backward differences. Anti-windup at a limit: "clamping" stops the integral unless
-    it moves away from the limit; "back-calculation" reduces it by dt / tracking_time times the clipped part. While
-    `manual` is true the command is `manual_command`, clipped, and the integral follows it, for a bumpless transfer.
-    Direct feedthrough. I and the derivative start at 0. NaN passes, infinity becomes NaN; neither is stored.
+    it moves away from the limit; "back-calculation" reduces it by dt / tracking_time times the clipped part. With
+    `applied`, such as the output of a limiter behind the controller, I += dt / tracking_time (applied - u) besides.
+    While `manual` is true the command is `manual_command`, clipped, and the integral follows it, for a bumpless
+    transfer. Direct feedthrough, but of `applied`. I and the derivative start at 0. NaN passes, infinity becomes NaN;
+    neither is stored.
     """
 
     rules = ("lower <= upper",)
@@ -110,22 +112,28 @@ class PID(_Controller):
 
     manual = Input("1", "whether `manual_command` replaces the control law", dtype=bool, default=False)
     manual_command = Input("any", "command while `manual` is true", shape=..., default=0.0)
+    applied = Input("any", "command as it is applied behind the controller; NaN: unknown", shape=..., default=math.nan)
     clamps = Memory(1.0, "1: clamping; 0: back-calculation")
     integral = Memory(0.0, "integral part I")
     follower = Memory(math.nan, "state of the derivative filter")
+    spoiled = Memory(0.0, "1 in the tick after an infinite `applied`")
 
+    feedthrough = ("reference", "measurement", "manual", "manual_command")
     kernel = kernels.pid
+    update_kernel = kernels.pid_next
 
     def configure(self) -> None:
         super().configure()
         if self.unit != ANY:
-            self.inputs = self.inputs | {"manual_command": in_unit(self.inputs["manual_command"], self.unit)}
+            commands = ("manual_command", "applied")
+            self.inputs = self.inputs | {name: in_unit(self.inputs[name], self.unit) for name in commands}
         self.clamps = float(self.anti_windup == "clamping")
-        self.winds_up = ("command",) if self.ki else ()
+        self.winds_up = {"command": "applied"} if self.ki else {}
         self.smooth = ("reference", "measurement") if self.kd else ()
 
     def prepare(self, dt: float) -> None:
         self.integral, self.follower = [0.0] * self.width, [math.nan] * self.width
+        self.spoiled = [0.0] * self.width
 
     def output_range(self, **inputs: Interval) -> Interval:
         return self.span("lower") | self.span("upper")
@@ -135,15 +143,17 @@ class PI(PID):
     """PI control with limits: u = clip(kp (b r - y) + I), I += dt ki (r - y). A PID without a derivative.
 
     Anti-windup at a limit: "clamping" stops the integral unless it moves away from the limit; "back-calculation"
-    reduces it by dt / tracking_time times the clipped part. While `manual` is true the command is `manual_command`,
-    clipped, and the integral follows it, for a bumpless transfer. Direct feedthrough. I starts at 0. NaN passes,
-    infinity becomes NaN; neither is stored.
+    reduces it by dt / tracking_time times the clipped part. With `applied`, such as the output of a limiter behind the
+    controller, I += dt / tracking_time (applied - u) besides. While `manual` is true the command is `manual_command`,
+    clipped, and the integral follows it, for a bumpless transfer. Direct feedthrough, but of `applied`. I starts at 0.
+    NaN passes, infinity becomes NaN; neither is stored.
     """
 
     kd = filter_time = c = follower = None  # no derivative
     tracking_time = Param(None, "s", "time constant of the back-calculation; default Ti = kp / ki", above=0.0)
 
     kernel = kernels.pi
+    update_kernel = kernels.pi_next
 
     def prepare(self, dt: float) -> None:
-        self.integral = [0.0] * self.width
+        self.integral, self.spoiled = [0.0] * self.width, [0.0] * self.width

@@ -1,6 +1,7 @@
 # cython: freethreading_compatible=True
-"""Delays, integrators, derivatives."""
+"""Delays, integrators, derivatives, unwrapped angles."""
 
+from libc.math cimport NAN, floor
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -146,6 +147,30 @@ cdef int derivative_kernel(double *arena, const Derivative *at, const Derivative
     return OK
 
 
+cdef struct Unwrap:
+    int32_t u, y, period, last, turns
+
+UNWRAP = items((<Unwrap *>ITEMS)[0], "u[...] y[...] last[...] turns[...]")
+
+
+cdef int unwrap_kernel(double *arena, const Unwrap *at, const Unwrap *sizes) noexcept nogil:
+    cdef double period = arena[at.period]
+    cdef double *last = arena + at.last
+    cdef double *turns = arena + at.turns
+    cdef double u
+    cdef int i
+    for i in range(sizes.y):
+        u = arena[at.u + i]
+        if not is_finite(u):
+            arena[at.y + i] = NAN
+            continue
+        if last[i] == last[i]:          # not at the first input
+            turns[i] -= floor((u - last[i]) / period + 0.5)
+        last[i] = u
+        arena[at.y + i] = u + period * turns[i]
+    return OK
+
+
 unit_delay = export(<kernel_t>unit_delay_kernel, UNIT_DELAY)
 unit_delay_next = export(<kernel_t>unit_delay_update, UNIT_DELAY)
 hold = export(<kernel_t>hold_kernel, HOLD)
@@ -156,3 +181,4 @@ integrator_forward_next = export(<kernel_t>forward_update, INTEGRATOR)
 integrator_backward = export(<kernel_t>backward_kernel, INTEGRATOR)
 integrator_trapezoidal = export(<kernel_t>trapezoidal_kernel, INTEGRATOR)
 derivative = export(<kernel_t>derivative_kernel, DERIVATIVE)
+unwrap = export(<kernel_t>unwrap_kernel, UNWRAP)

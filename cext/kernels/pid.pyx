@@ -4,7 +4,7 @@
     u = kp (b r - y) + I + D        I += dt ki (r - y)        D = kd d(c r - y)/dt, filtered
 """
 
-from libc.math cimport NAN, fabs, sqrt
+from libc.math cimport NAN, fabs, isinf, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
@@ -67,6 +67,17 @@ cdef inline double control(const Gains *gains, double r, double y, double h, dou
     return u
 
 
+cdef inline void track(
+    const Gains *gains, double applied, double u, double h, double *integral, double *spoiled
+) noexcept nogil:
+    """Let the integral follow the command that is applied behind the controller."""
+    cdef double share = h / tracking_time(gains)
+    cdef double change = (share if share < 1.0 else 1.0) * (applied - u)
+    spoiled[0] = isinf(applied)
+    if is_finite(change):
+        integral[0] += change
+
+
 cdef struct PLaw:
     int32_t reference, measurement, command, kp
 
@@ -103,10 +114,12 @@ cdef int pd_kernel(double *arena, const PdLaw *at, const PdLaw *sizes) noexcept 
 
 
 cdef struct PiLaw:
-    int32_t reference, measurement, manual, manual_command, command, kp, ki, b, lower, upper, tracking_time, clamps
-    int32_t integral
+    int32_t reference, measurement, manual, manual_command, applied, command, kp, ki, b, lower, upper, tracking_time
+    int32_t clamps, integral, spoiled
 
-PI_LAW = items((<PiLaw *>ITEMS)[0], "reference[...] measurement[...] manual_command[...] command[...] integral[...]")
+PI_LAW = items(
+    (<PiLaw *>ITEMS)[0],
+    "reference[...] measurement[...] manual_command[...] applied[...] command[...] integral[...] spoiled[...]")
 
 
 cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept nogil:
@@ -116,19 +129,31 @@ cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept 
     gains.lower, gains.upper = arena[at.lower], arena[at.upper]
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
-        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT],
-            arena[at.manual], arena[at.manual_command + i],
-                                      arena + at.integral + i, NULL)
+        arena[at.command + i] = control(
+            &gains, arena[at.reference + i] if arena[at.spoiled + i] == 0.0 else NAN, arena[at.measurement + i],
+            arena[DT], arena[at.manual], arena[at.manual_command + i],
+            arena + at.integral + i, NULL)
+    return OK
+
+
+cdef int pi_update(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept nogil:
+    cdef Gains gains
+    cdef int i
+    gains.kp, gains.ki, gains.kd, gains.tracking_time = arena[at.kp], arena[at.ki], 0.0, arena[at.tracking_time]
+    for i in range(sizes.command):
+        track(&gains, arena[at.applied + i], arena[at.command + i], arena[DT], arena + at.integral + i,
+              arena + at.spoiled + i)
     return OK
 
 
 cdef struct PidLaw:
-    int32_t reference, measurement, manual, manual_command, command, kp, ki, kd, filter_time, b, c, lower, upper
-    int32_t tracking_time, clamps, integral, follower
+    int32_t reference, measurement, manual, manual_command, applied, command, kp, ki, kd, filter_time, b, c, lower
+    int32_t upper, tracking_time, clamps, integral, follower, spoiled
 
 PID_LAW = items(
     (<PidLaw *>ITEMS)[0],
-    "reference[...] measurement[...] manual_command[...] command[...] integral[...] follower[...]")
+    "reference[...] measurement[...] manual_command[...] applied[...] command[...] integral[...] follower[...] "
+    "spoiled[...]")
 
 
 cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexcept nogil:
@@ -139,13 +164,26 @@ cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexce
     gains.lower, gains.upper = arena[at.lower], arena[at.upper]
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
-        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT],
-            arena[at.manual], arena[at.manual_command + i],
-                                      arena + at.integral + i, arena + at.follower + i)
+        arena[at.command + i] = control(
+            &gains, arena[at.reference + i] if arena[at.spoiled + i] == 0.0 else NAN, arena[at.measurement + i],
+            arena[DT], arena[at.manual], arena[at.manual_command + i],
+            arena + at.integral + i, arena + at.follower + i)
+    return OK
+
+
+cdef int pid_update(double *arena, const PidLaw *at, const PidLaw *sizes) noexcept nogil:
+    cdef Gains gains
+    cdef int i
+    gains.kp, gains.ki, gains.kd, gains.tracking_time = arena[at.kp], arena[at.ki], arena[at.kd], arena[at.tracking_time]
+    for i in range(sizes.command):
+        track(&gains, arena[at.applied + i], arena[at.command + i], arena[DT], arena + at.integral + i,
+              arena + at.spoiled + i)
     return OK
 
 
 p = export(<kernel_t>p_kernel, P_LAW)
 pd = export(<kernel_t>pd_kernel, PD_LAW)
 pi = export(<kernel_t>pi_kernel, PI_LAW)
+pi_next = export(<kernel_t>pi_update, PI_LAW)
 pid = export(<kernel_t>pid_kernel, PID_LAW)
+pid_next = export(<kernel_t>pid_update, PID_LAW)

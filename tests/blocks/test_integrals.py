@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from blocks.discrete import Delay, Derivative, Integrator, UnitDelay
+from blocks.discrete import Delay, Derivative, Integrator, UnitDelay, Unwrap
 from blocks.mathematics import Gain
 from blocks.sources import StepSource
 from cext.schedule.executor import Executor
@@ -192,6 +192,18 @@ def test_the_worst_input_brings_a_slope_near_its_range():
     y = play(lambda: Derivative(0.1), RATE, u=np.r_[np.full(10, -7.0), 2.0])["y"]
     assert abs(y[-1] - found.high) < 1e-9 and y[-1] <= found.high and abs(found.high - 9.0 / (0.1 + DT)) < 1e-9
     assert Derivative().output_range(u=Interval(-1.0, 1.0)) == Interval(), "without a rate nothing is known"
+
+
+@pytest.mark.parametrize("period", [math.tau, 1.0])
+def test_an_unwrapped_angle_is_that_of_numpy_and_nan_is_not_held(period):
+    angle = np.cumsum(np.random.default_rng(3).uniform(-0.49, 0.49, (500, 2)) * period, axis=0)
+    u = (angle + period / 2.0) % period - period / 2.0
+    assert play(lambda: Unwrap(period), RATE, u=u)["y"] == pytest.approx(np.unwrap(u, axis=0, period=period), abs=1e-12)
+    gaps = u[:, 0].copy()
+    gaps[[0, 7, 200]] = math.nan, math.nan, math.inf
+    y = play(lambda: Unwrap(period), RATE, u=gaps)["y"]
+    known = np.isfinite(gaps)
+    assert np.isnan(y[~known]).all() and y[known] == pytest.approx(np.unwrap(gaps[known], period=period), abs=1e-12)
 
 
 def test_derivative_and_integrator_units_include_the_second():

@@ -10,6 +10,7 @@ from scipy import signal
 
 from blocks.controllers import PD, PI, PID, P
 from blocks.linear import TransferFunction
+from blocks.mathematics import Min
 from blocks.sources import Sine
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -125,6 +126,44 @@ def test_without_limits_a_loop_reaches_its_set_point_and_with_anti_windup_it_bar
         lambda: PI(kp=2.0, ki=30.0, lower=-1.2, upper=1.2, anti_windup="back-calculation", tracking_time=1e9)
     )
     assert wound_up.max() > 1.15
+
+
+def test_with_the_limited_command_a_loop_does_not_wind_up_at_a_limit_that_changes():
+    """The limit behind the controller falls from 3 to 1.2: without `applied` the loop overshoots by more than 15 %."""
+
+    def response(kind, tracks):
+        with Diagram("loop", rate=RATE) as diagram:
+            control = kind(kp=2.0, ki=30.0, tracking_time=0.05)
+            limiter, limit = Min(), source([3.0] * 20 + [1.2] * 1980)
+            plant = TransferFunction((1.0 - math.exp(-2.0 * DT),), (1.0, -math.exp(-2.0 * DT)))
+            applied = {"applied": limiter.y} if tracks else {}
+            limiter(control(reference=1.0, measurement=plant(limiter.y), **applied), limit)
+            y = taker(plant.y, (), 2000)
+        Executor(Program(compile(diagram)), RATE).spin(2000)
+        return y
+
+    for kind in (PI, PID):
+        tracked = response(kind, True)
+        assert abs(tracked[-1] - 1.0) < 1e-6 and tracked.max() < 1.1 and response(kind, False).max() > 1.15
+
+
+def test_the_integral_follows_the_applied_command_where_it_is_known():
+    applied = np.where(np.arange(401) % 7 == 3, math.nan, 0.5 * REFERENCE)
+    u = play(
+        lambda: PI(3.0, 8.0, tracking_time=0.2), RATE, reference=REFERENCE, measurement=MEASUREMENT, applied=applied
+    )["command"]
+    integral = 0.0
+    for k, command in enumerate(u):
+        integral += DT * 8.0 * (REFERENCE[k] - MEASUREMENT[k])
+        assert command == pytest.approx(3.0 * (REFERENCE[k] - MEASUREMENT[k]) + integral, rel=1e-12)
+        integral += DT / 0.2 * (applied[k] - command) if applied[k] == applied[k] else 0.0
+
+
+def test_an_infinite_applied_command_is_one_command_of_nan():
+    applied = np.full(20, math.nan)
+    applied[[5, 9]] = math.inf, -math.inf
+    u = play(lambda: PID(3.0, 8.0), RATE, reference=np.ones(20), measurement=np.zeros(20), applied=applied)["command"]
+    assert np.flatnonzero(np.isnan(u)).tolist() == [6, 10] and u[-1] == pytest.approx(3.0 + 18 * DT * 8.0)
 
 
 def test_the_transfer_from_manual_mode_is_bumpless():

@@ -4,7 +4,7 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.controllers import PI, PID
-from blocks.discrete import Derivative, UnitDelay
+from blocks.discrete import Derivative, UnitDelay, Unwrap
 from blocks.filters import Butterworth, Exponential, Median
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.linear import TransferFunction
@@ -84,7 +84,10 @@ def test_a_limit_that_an_integral_does_not_know_is_a_warning(kind, limiter):
         return controlled(lambda **inputs: kind(kp=10.0, ki=20.0, unit="N*m", name="pid", **limits)(**inputs), limiter)
 
     [warning] = made()
-    assert warning.path == "pid" and warning.hint == "give the limits to the controller, as in lower=-9, upper=9"
+    assert warning.path == "pid" and warning.hint == (
+        "give the limits to the controller, as in lower=-9, upper=9, or connect the limited command to its input "
+        "applied"
+    )
     assert len(made(lower=-20.0, upper=20.0)) == 1
     assert made(lower=-9.0, upper=9.0) == [] == made(lower=-5.0, upper=5.0)
 
@@ -95,7 +98,22 @@ def test_the_limits_are_those_in_front_of_a_gain():
         lambda u: TorqueLimiter(limit=9.0)(u),
         lambda u: 0.5 * u,
     )
-    assert warning.hint.endswith("lower=-18, upper=18")
+    assert "lower=-18, upper=18" in warning.hint
+
+
+def test_a_controller_that_follows_the_limited_command_gives_no_warning():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK80-9", name="knee")
+        limiter = TorqueLimiter(limit=9.0)
+        effort = PID(kp=10.0, ki=20.0, unit="N*m")
+        knee(torque_command=limiter(effort(reference=0.5, measurement=knee.position, applied=limiter.limited)))
+    assert warnings(diagram, "TW034") == []
+
+
+def test_an_unwrapped_heading_gives_no_warning():
+    with Diagram("d", rate=100) as diagram:
+        Derivative()(Unwrap()(heading()))
+    assert warnings(diagram, "TW033") == []
 
 
 def test_without_an_integral_a_limit_behind_the_controller_is_no_warning():

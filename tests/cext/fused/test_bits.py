@@ -13,7 +13,7 @@ from graph.arena_layout import CLOCK_SLOTS
 MARGIN = 64  # doubles on both sides of the items
 TICKS = 3
 MEMORIES = 4  # all values are between -1 and 1, many of them 0: each is 0 as an index
-UNDEFINED = {"filters_median_kernel"}  # for such memory: a window of 0 samples
+UNDEFINED = {"filters_median_kernel", "states_machine_kernel"}  # for such memory: no samples, a state inside itself
 
 
 def tables_of(kernel, stencil):
