@@ -22,6 +22,7 @@ KERNELS = Path(__file__).parents[1] / "kernels"
 UNFUSED = {  # reasons why the kernels of a module have no stencils
     "compiled": "kernel calls another library",
     "continuous": "kernels of plants, not of robots",
+    "inverse_dynamics": "kernel takes far longer than its call, and has dozens of inputs",
     "mujoco": "kernel calls another library",
     "networks/inference": "kernel calls another library",
     "networks/worker": "kernel calls another library",

@@ -120,6 +120,7 @@ SHOWN = {
     ),
     "Hold": Shown({"every": 20}, {"u": "Sine()()"}, "waves"),
     "Impedance": Shown(inputs=STATE | {"equilibrium": SET_POINT["reference"]}, style="step", duration=1.0, plant=JOINT),
+    "InverseDynamics": Shown({"file": "examples/leg.urdf"}),
     "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
     "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
     "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
