@@ -8,11 +8,10 @@ from typing import Any
 
 from msgspec import Struct
 
-from cext.kernels import no_io
-from graph import Device, Param
+from blocks.chips import EXTENDED_ID, ChipDevice
+from graph import Param
 
 MUX, CHANNELS = 0x70, 8  # lowest address and number of channels of a TCA9548A
-EXTENDED_ID = True
 
 
 class Write(Struct, frozen=True):
@@ -40,12 +39,12 @@ class Transfer(Struct, frozen=True):
     """Combined transfer. Its reply is a frame: all bytes read, followed by `appended`.
 
     number : number below 15, part of the frame's identifier
-    steps : sequence of Read and Write
+    steps : sequence of Read and Write, or on SPI one Shift (blocks.spi)
     address : address of another chip inside the device, or None
     """
 
     number: int
-    steps: tuple[Read | Write, ...]
+    steps: tuple[Any, ...]
     appended: bytes = b""
     address: int | None = None
 
@@ -70,19 +69,17 @@ class Identity(Struct, frozen=True):
     mask: int = 0xFF
 
 
-class I2cDevice(Device):
+class I2cDevice(ChipDevice):
     """Device on an I2C bus, directly or behind a multiplexer."""
 
     abstract = True
     medium = "i2c"
-    kind = ""  # name of the chip
     register_bytes = 1  # bytes of one register
     known_addresses = ()  # selectable with its pins
     address_hint = (
         "each chip on a bus segment needs a unique address: select another with its pins, or connect one "
         "behind a multiplexer"
     )
-    encode = no_io.send_nothing
 
     bus = Param("i2c", "1", "logical name of the I2C bus", dtype=str)
     address = Param(0x08, "1", "7-bit address", min=0x08, max=0x77, fixed=True, kernel=False)
@@ -124,10 +121,6 @@ class I2cDevice(Device):
     def place(self) -> int:
         """Number of the bus segment, as in the frame identifiers: 0 in front of all multiplexers."""
         return 1 + CHANNELS * (self.mux - MUX) + self.channel if self.mux else 0
-
-    def own_identity(self) -> int:
-        """Return the identifier of its frames: number of the bus segment and address."""
-        return self.place << 8 | self.address
 
     def chips(self) -> tuple[int, ...]:
         """Return the addresses that the device uses on its bus segment."""
@@ -176,10 +169,6 @@ class I2cDevice(Device):
         None for a device that cannot lose its configuration undetected.
         """
         return None
-
-    def rounds(self) -> Any:
-        """Return every Round."""
-        return ()
 
     def factory_registers(self) -> dict[tuple[int, int], bytes]:
         """Return {(address, register): bytes} of an emulated chip after power-on; the other registers are 0."""

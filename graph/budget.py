@@ -1,10 +1,11 @@
-"""Load of CAN buses and serial lines.
+"""Load of CAN and SPI buses, and of serial lines.
 
 A frame with an 11-bit identifier and n bytes has 47 + 8 n bits, one with a 29-bit identifier 67 + 8 n, including the
 three bits between frames. Stuffing adds one bit after five equal bits: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, on
 average about one for 16 data bits. A frame of CAN FD, which has more than eight bytes of data, has 30 or 49 bits at the
 bitrate, and 32 + 8 n at the data bitrate (37 + 8 n above 16 bytes); its stuffing ends with the data. (ISO 11898-1.) A
-byte on a serial line has ten bits, including start and stop bit.
+byte on a serial line has ten bits, including start and stop bit. On SPI, the kernel waits 10 µs between the frames of a
+transfer unless the driver of the controller sets another time (spi_transfer_cs_change_delay_exec of Linux).
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ if TYPE_CHECKING:
 
 SERIAL_BITS_PER_BYTE = 10
 CLASSIC_BYTES = 8  # of data, without CAN FD
+SPI_GAP = 10e-6  # s between the frames of a transfer
 DAMPING_BUS_LOAD = 0.8  # share of the bitrate that a damped safe stop uses
 
 
 class BusLoad(Struct, frozen=True):
-    """Load of a CAN bus.
+    """Load of a CAN or SPI bus.
 
     bitrate, data_bitrate : bit/s, the second one 0 without a rate switch; frames : commands and replies per second
-    typical, worst : share of the bitrate with average and worst-case stuffing
+    typical, worst : share of the bitrate with average and worst-case stuffing; of SPI without and with the gaps
     """
 
     bus: str
@@ -92,6 +94,21 @@ def bus_loads(devices: Sequence[Device], rate: float) -> list[BusLoad]:
             bits = [(often, *frame_bits(length, extended, ratio)) for often, length, extended in frames]
             typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
             loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst, data_bitrate))
+    return loads
+
+
+def spi_loads(devices: Sequence[Device]) -> list[BusLoad]:
+    """Return a BusLoad for each SPI bus, sorted by name."""
+    loads: list[BusLoad] = []
+    devices = [device for device in devices if device.medium == "spi"]
+    for bus in sorted({device.bus for device in devices}):
+        here = [device for device in devices if device.bus == bus]
+        shifts = [shift for device in here for shift in device.shifts()]
+        typical = sum(often * 8 * size / here[0].bitrate for often, size, _ in shifts)
+        gaps = sum(often * frames * SPI_GAP for often, _, frames in shifts)
+        frames = sum(often * frames for often, _, frames in shifts)
+        if shifts:
+            loads.append(BusLoad(bus, here[0].bitrate, frames, typical, typical + gaps))
     return loads
 
 

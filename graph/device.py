@@ -29,7 +29,7 @@ class Device(Block):
 
     decode, encode : kernels of the types decode_t and encode_t of cext.abi
     medium : type of the bus: "can"; "stream", bytes of a serial line, a socket or an input device, in frames of up to
-        64 bytes; or "i2c", one frame for each reply to a register transfer
+        64 bytes; or "i2c" or "spi", one frame for each reply to a transfer
     bus : logical name, which a rig file assigns to an interface
     timeout : time without a sample after which the run ends in the safe stop, s; 0 to disable
     relay_time : time without a command after which the relay of this device opens, s; 0 for a device without a relay.
@@ -118,6 +118,10 @@ class Device(Block):
 
     def reports(self) -> Sequence[tuple[float, int, bool]]:
         """Return the frames that it sends periodically, as (frequency in Hz, data bytes, is extended)."""
+        return []
+
+    def shifts(self) -> Sequence[tuple[float, int, int]]:
+        """Return (transfers per second, bytes, frames) of each of its transfers on SPI."""
         return []
 
     def ask_frames(self) -> Sequence[Frame]:

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from graph import hints
-from graph.budget import bus_loads, line_loads
+from graph.budget import bus_loads, line_loads, spi_loads
 from graph.compilation import Compilation
 from graph.device import Actuator, Device
 from graph.names import suggestion
@@ -198,11 +198,7 @@ def check_lines(compilation: Compilation) -> None:
     first: dict[str, Device] = {}
     for block in compilation.devices:
         other = first.setdefault(block.bus, block)
-        if (
-            other is not block
-            and (block.medium, other.medium) != ("can", "can")
-            and not block.medium == other.medium == "i2c"
-        ):
+        if other is not block and (block.medium != other.medium or block.medium == "stream"):
             what = (
                 "a separate line"
                 if block.medium == other.medium
@@ -218,7 +214,7 @@ def check_lines(compilation: Compilation) -> None:
 
 def check_buses(compilation: Compilation) -> None:
     """Compute the load of each bus and serial line, and report overloaded ones."""
-    compilation.loads = bus_loads(compilation.devices, compilation.diagram.rate)
+    compilation.loads = [*bus_loads(compilation.devices, compilation.diagram.rate), *spi_loads(compilation.devices)]
     for load in compilation.loads:
         there = [block for block in compilation.devices if block.bus == load.bus]
         what = (

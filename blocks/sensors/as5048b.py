@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from blocks.i2c import Read
+from blocks.i2c import I2cDevice, Read
 from blocks.sensors.magnetic_encoder import EmulatedEncoder, MagneticEncoder
 from cext.kernels.devices import encoders as kernels
 from graph import Param
@@ -12,7 +12,7 @@ from graph import Param
 DIAGNOSTICS = 0xFB  # followed by the magnitude and the angle
 
 
-class AS5048B(MagneticEncoder):
+class AS5048B(MagneticEncoder, I2cDevice):
     """AS5048B, a magnetic encoder of a joint: θ = ± 2π counts / 16384 − offset, within ±π.
 
     `counts` are relative to a zero position that is programmed in the chip. An angle with an overflow, or before the
@@ -24,14 +24,16 @@ class AS5048B(MagneticEncoder):
     )
 
     kind, known_addresses = "AS5048B", (0x40, 0x41, 0x42, 0x43)
-    codes, first = 16384, Read(DIAGNOSTICS, 5)
+    codes, sample = 16384, Read(DIAGNOSTICS, 5)
     decode = kernels.as5048b_decode
+
+    hardware = (*I2cDevice.hardware, "invert", "offset")
 
     def emulator(self, **parameters: Any) -> EmulatedAS5048B:
         return EmulatedAS5048B.of(self, **parameters)
 
 
-class EmulatedAS5048B(EmulatedEncoder):
+class EmulatedAS5048B(EmulatedEncoder, I2cDevice):
     """Emulated AS5048B."""
 
     address = AS5048B.parameters["address"]

@@ -1,16 +1,17 @@
-"""Common parts of magnetic encoders of a joint on I2C, and of their emulators."""
+"""Common parts of magnetic encoders of a joint, and of their emulators."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from blocks.i2c import I2cDevice, Read, Round, Transfer
+from blocks.chips import ChipDevice
+from blocks.i2c import Round, Transfer
 from cext.kernels import no_io
 from graph import Input, Interval, Memory, Output, Param
 
 
-class MagneticEncoder(I2cDevice):
+class MagneticEncoder(ChipDevice):
     """Absolute angle of a joint: θ = ± 2π counts / codes − offset, within ±π.
 
     An angle without a magnet is not a sample: `age` grows, and after `timeout` the run ends in the safe stop.
@@ -18,7 +19,7 @@ class MagneticEncoder(I2cDevice):
 
     abstract = True
     codes: int  # of a turn
-    first: Read  # the registers of one sample
+    sample: Any  # step of a Transfer that reads one sample
 
     rate = Param(200.0, "1/s", "reads per second", above=0.0, max=2000.0, fixed=True)
     invert = Param(False, "1", "true if the joint turns against the encoder", fixed=True)
@@ -31,8 +32,6 @@ class MagneticEncoder(I2cDevice):
     errors = Output("1", "failed transfers since the start of the run", dtype=int)
 
     identity = Memory(0.0, "bus segment and address")
-
-    hardware = (*I2cDevice.hardware, "invert", "offset")
 
     def configure(self) -> None:
         super().configure()
@@ -48,10 +47,10 @@ class MagneticEncoder(I2cDevice):
         }
 
     def rounds(self) -> tuple[Round, ...]:
-        return (Round(1.0 / self.rate, (Transfer(0, (self.first,)),)),)
+        return (Round(1.0 / self.rate, (Transfer(0, (self.sample,)),)),)
 
 
-class EmulatedEncoder(I2cDevice):
+class EmulatedEncoder(ChipDevice):
     """Ports and parameters of an emulated magnetic encoder."""
 
     abstract = True
@@ -62,7 +61,7 @@ class EmulatedEncoder(I2cDevice):
     magnet = Input("1", "0 good, 1 too weak, 2 too strong, 3 none", default=0, dtype=int)
     silent = Input("1", "true stops all replies", default=False, dtype=bool)
     stuck = Input("1", "true repeats the last angle", default=False, dtype=bool)
-    wrong_address = Input("1", "address used instead of `address`; 0 for none", default=0, dtype=int)
+    wrong_address = Input("1", "address or chip select used instead of its own; 0 for none", default=0, dtype=int)
 
     identity = Memory(0.0, "bus segment and address")
     state = Memory((0.0,) * 3, "time of the next reply, 1 while stuck, stuck code")

@@ -1,6 +1,6 @@
 # cython: freethreading_compatible=True
 """I2C behind the `Bus` struct: one native thread per bus reads its devices, each at its own period, and keeps the
-answers for the tick.
+answers for the tick. SPI (cext/lines/spi.pyx) has the same thread, without multiplexers and set-up.
 
     round     all due exchanges, place by place, beginning with the open one: with n channels of a multiplexer in use
               this takes n - 1 switches, the minimum
@@ -90,6 +90,23 @@ cdef class I2cAdapter:
             raise OSError(error, os.strerror(error))
         return bytes(buffer[:count])
 
+    def shift(self, int address, int word, bytes data) -> bytes:
+        """Send bytes on SPI, and return those received meanwhile. Raises OSError.
+
+        address : chip select; word : bytes of a frame
+        """
+        cdef uint8_t[READ_LIMIT] buffer
+        cdef int error
+        cdef int count = <int>len(data)
+        if not 0 < word <= count <= BYTES or count % word:
+            raise ValueError("a transfer has at most %d bytes, in whole frames" % BYTES)
+        memcpy(buffer, <const char *>data, count)
+        with nogil:
+            error = self.adapter.exchange(self.adapter.context, <uint8_t>address, word, True, buffer, count)
+        if error:
+            raise OSError(error, os.strerror(error))
+        return bytes(buffer[:count])
+
 
 cdef class I2cBus:
     """Devices of one bus, and the thread that reads them.
@@ -128,19 +145,22 @@ cdef class I2cBus:
         set_up : list of (address, register, bytes, s to wait), to repeat after a loss
         check : (register, bytes) that reads back while the device is set up, or None
         rounds : list of (period in s, minimum s between exchanges, exchanges as (number, address, steps, bytes to
-            append to the answer)); a step is (register, number of bytes to read) or (register, bytes to write)
+            append to the answer)); a step is (register, number of bytes to read) or (register, bytes to write), on SPI
+            (bytes of a frame, bytes to send, True), which receives as many
         identity : list of (register, byte, mask) that identify the device after a loss, in the bits where the mask is 1
         """
         if self.running:
             raise ValueError("devices must be added before start")
-        if not 0 <= place <= CHANNELS * MUXES or not 0 < address < 0x80:
+        if not 0 <= place <= CHANNELS * MUXES or not 0 <= address < 0x80:
             raise ValueError("invalid place %d or address %d" % (place, address))
         for period, settle, exchanges in rounds:
             if not (period > 0.0 and settle >= 0.0 and len(exchanges) > 0):
                 raise ValueError("a round needs a period above 0 and exchanges")
             for number, _, steps, appended in exchanges:
-                read = sum(what for _, what in steps if isinstance(what, int))
-                longest = max((what if isinstance(what, int) else 2 * len(what) for _, what in steps), default=0)
+                sizes = [what if isinstance(what, int) else len(what) for _, what, *_ in steps]
+                read = sum(size for size, (_, what, *duplex) in zip(sizes, steps) if duplex or isinstance(what, int))
+                longest = max((size if isinstance(what, int) else 2 * size for size, (_, what, *_) in zip(sizes, steps)),
+                    default=0)
                 if (not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > READ_LIMIT
                         or len(appended) > BYTES):
                     raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes"
@@ -201,8 +221,8 @@ cdef class I2cBus:
                     asked.id = answer_id(<uint32_t>(place << 8 | address), number)
                     asked.address, asked.steps, asked.appended = at, len(steps), len(data)
                     memcpy(asked.tail, <const char *>data, len(data))
-                    for step, (register, what) in enumerate(steps):
-                        load_step(&asked.step[step], register, what)
+                    for step, (register, what, *duplex) in enumerate(steps):
+                        load_step(&asked.step[step], register, what, bool(duplex))
                     exchange += 1
         return 0
 
@@ -416,6 +436,7 @@ cdef class I2cBus:
         frame.time = -1
         for index in range(asked.steps):
             if asked.step[index].reads:
+                memcpy(&frame.data[length], asked.step[index].data, min(asked.step[index].count, BYTES))   # SPI
                 if frame.time < 0:
                     frame.time = monotonic()
                 error = self.exchange(member, asked.address, asked.step[index].register, True, &frame.data[length],
@@ -504,10 +525,10 @@ cdef void *enter(void *context) noexcept nogil:
     return NULL
 
 
-cdef int load_step(Step *step, int register, object what) except -1:
+cdef int load_step(Step *step, int register, object what, bint duplex) except -1:
     cdef bytes data
-    step.reads, step.register = isinstance(what, int), register
-    if step.reads:
+    step.reads, step.register = duplex or isinstance(what, int), register
+    if isinstance(what, int):
         step.count = what
     else:
         data = what

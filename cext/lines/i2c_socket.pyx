@@ -1,7 +1,8 @@
 # cython: freethreading_compatible=True
 """I2C adapter over a socket of packets: the other end, in another process, emulates the chips of the bus.
 
-    request     number, address, 1 for a read, 1 with a register, register, count of bytes; then the bytes of a write
+    request     number, address, 1 for a read, 1 with a register, register, count of bytes; then the bytes of a write,
+                on SPI those that are sent during the read, with the bytes of a frame as the register
     reply       number, errno or 0; then the bytes of a read
 """
 
@@ -26,6 +27,7 @@ cdef enum:
 cdef struct Peer:
     int fd
     uint8_t number              # number of the newest request
+    bint duplex                 # SPI: bytes are sent during a read
 
 
 cdef int ask(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:
@@ -37,7 +39,7 @@ cdef int ask(void *context, uint8_t address, int register, bint reads, uint8_t *
     peer.number += 1
     request[0], request[1], request[2], request[3] = peer.number, address, reads, register >= 0
     request[4], request[5] = <uint8_t>(register if register >= 0 else 0), <uint8_t>count
-    if not reads:
+    if not reads or peer.duplex:
         memcpy(&request[length], data, count)
         length += count
     while send(peer.fd, request, length, MSG_NOSIGNAL) != length:
@@ -65,12 +67,13 @@ cdef int ask(void *context, uint8_t address, int register, bint reads, uint8_t *
 cdef class SocketAdapter(I2cAdapter):
     """Adapter of a connected socket of packets, which it duplicates: the caller closes its own.
 
-    The socket's own time-out limits an exchange.
+    The socket's own time-out limits an exchange. duplex : whether the bus is SPI
     """
 
     cdef Peer peer
 
-    def __cinit__(self, int fd):
+    def __cinit__(self, int fd, bint duplex=False):
+        self.peer.duplex = duplex
         self.peer.fd = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         self.adapter.exchange, self.adapter.context = ask, &self.peer
 

@@ -16,7 +16,7 @@ from runtime.session.request import Request
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from blocks.i2c import I2cDevice
+    from blocks.chips import ChipDevice
     from cext.schedule.outcome import Outcome
     from graph import Diagram, Schedule
     from runtime.robot.emulation.buses import PlantBuses
@@ -88,12 +88,12 @@ def main(arguments: Sequence[str]) -> int:
         buses.close()
 
 
-def _chips_of(robot: Diagram, plant: Diagram) -> dict[str, list[tuple[I2cDevice, I2cDevice]]]:
-    """Return {name of an I2C bus: [(device of the robot, its emulator)]}."""
-    from blocks.i2c import I2cDevice
+def _chips_of(robot: Diagram, plant: Diagram) -> dict[str, list[tuple[ChipDevice, ChipDevice]]]:
+    """Return {name of an I2C or SPI bus: [(device of the robot, its emulator)]}."""
+    from blocks.chips import ChipDevice
 
-    def places(diagram: Diagram) -> dict[tuple[str, int, int], I2cDevice]:
-        devices = [block for block in diagram if isinstance(block, I2cDevice)]
+    def places(diagram: Diagram) -> dict[tuple[str, int, int], ChipDevice]:
+        devices = [block for block in diagram if isinstance(block, ChipDevice)]
         return {(block.bus, block.place, block.address): block for block in devices}
 
     emulators, chips = places(plant), {}

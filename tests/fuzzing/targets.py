@@ -32,7 +32,18 @@ from blocks.imus import ICM20948, MPU9250, EmulatedMicroStrain, EmulatedOpenImu,
 from blocks.imus.invensense.emulator import EmulatedICM20948, EmulatedMPU9250
 from blocks.imus.microstrain import mip
 from blocks.safety import EmulatedEStop, EStopHeartbeat
-from blocks.sensors import ADS1115, AS5048B, AS5600, NAU7802, EmulatedAS5048B, EmulatedAS5600, Insole, Microcontroller
+from blocks.sensors import (
+    ADS1115,
+    AS5047,
+    AS5048B,
+    AS5600,
+    NAU7802,
+    EmulatedAS5047,
+    EmulatedAS5048B,
+    EmulatedAS5600,
+    Insole,
+    Microcontroller,
+)
 from blocks.sensors.ads1115 import EmulatedADS1115
 from blocks.sensors.insole import EmulatedInsole
 from blocks.sensors.microcontroller import EmulatedMicrocontroller
@@ -445,7 +456,11 @@ FRAMES = {
                 for transfer in (0, 1, 15)
             ),
         )
-        for kind, address, good in ((AS5600, 0x36, b"\x20\x0a\xbc"), (AS5048B, 0x40, b"\x01\x80\x00\x55\x15"))
+        for kind, address, good in (
+            (AS5600, 0x36, b"\x20\x0a\xbc"),
+            (AS5048B, 0x40, b"\x01\x80\x00\x55\x15"),
+            (AS5047, 0, b"\x00\x00\x95\x55\x01\x80"),
+        )
     },
     "nau7802": Target(
         NAU7802,
@@ -511,6 +526,7 @@ FRAMES |= {
         ("nau7802_emulated", EmulatedNAU7802, (), {}, ((0, 8),)),
         ("as5600_emulated", EmulatedAS5600, (), {}, ((0, 8),)),
         ("as5048b_emulated", EmulatedAS5048B, (), {}, ((0, 8),)),
+        ("as5047_emulated", EmulatedAS5047, (), {}, ((0, 8),)),
         ("mpu9250_emulated", EmulatedMPU9250, (), {}, ((0, 8),)),
         ("icm20948_emulated", EmulatedICM20948, (), {}, ((0, 8),)),
         ("insole_emulated", EmulatedInsole, (), {"rows": 6, "columns": 3}, ((0, 8),)),

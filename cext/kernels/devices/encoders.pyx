@@ -1,10 +1,12 @@
 # cython: freethreading_compatible=True
-"""Magnetic encoders on I2C: decoding of their registers.
+"""Magnetic encoders on I2C and SPI: decoding of their registers.
 
     AS5600     transfer 0, three bytes: STATUS, then 12 bits. STATUS has 0x20 magnet detected, 0x10 too weak, 0x08 too
                strong. (AS5600 v1-06)
     AS5048B    transfer 0, five bytes: diagnostics, magnitude, then 14 bits in 8 and 6. Diagnostics have 0x01 offset
                compensated, 0x02 overflow: the angle is invalid, 0x04 strong field, 0x08 weak field. (AS5048 v1-11)
+    AS5047,    transfer 0, three frames of 16 bits: error register, angle, diagnostics with the bits of an AS5048B from
+    AS5048A    bit 8 on. Each has even parity in bit 15, an error bit 14, and 14 bits. (AS5047P v1-04, AS5048 v1-11)
 """
 
 from libc.math cimport floor, isfinite
@@ -63,13 +65,52 @@ cdef int as5600_decode_(double *arena, const Encoder *at, const Encoder *sizes, 
         (data[1] & 0x0F) << 8 | data[2], CODES_5600)
 
 
+cdef inline int magnet_of(int diagnostics) noexcept nogil:
+    return NONE if diagnostics & 3 != 1 else WEAK if diagnostics & 0x08 else STRONG if diagnostics & 0x04 else GOOD
+
+
 cdef int as5048b_decode_(double *arena, const Encoder *at, const Encoder *sizes, const Frame *frame) noexcept nogil:
     cdef const uint8_t *data = &frame.data[0]
     cdef int verdict = opened(arena, at, frame, 5)
     if verdict != TAKEN:
         return verdict
-    return take(arena, at, NONE if data[0] & 3 != 1 else WEAK if data[0] & 0x08 else STRONG if data[0] & 0x04 else GOOD,
-        data[3] << 6 | data[4] & 0x3F, CODES_5048)
+    return take(arena, at, magnet_of(data[0]), data[3] << 6 | data[4] & 0x3F, CODES_5048)
+
+
+cdef struct SpiEncoder:
+    Encoder encoder
+    int32_t refused
+
+SPI_ENCODER = items((<SpiEncoder *>ITEMS)[0])
+
+
+cdef inline bint odd(uint32_t word) noexcept nogil:
+    """Return whether the number of ones in 16 bits is odd."""
+    word ^= word >> 8
+    word ^= word >> 4
+    return 0x6996 >> (word & 0xF) & 1
+
+
+cdef inline int word_of(const uint8_t *data) noexcept nogil:
+    """Return the 14 bits of a frame; -1 with a wrong parity or an error bit."""
+    cdef uint32_t word = <uint32_t>data[0] << 8 | data[1]
+    return -1 if odd(word) or word & 0x4000 else <int>(word & 0x3FFF)
+
+
+cdef int as504x_decode_(double *arena, const SpiEncoder *at, const SpiEncoder *sizes, const Frame *frame) noexcept nogil:
+    cdef const uint8_t *data = &frame.data[0]
+    cdef int verdict = opened(arena, &at.encoder, frame, 6)
+    cdef int counts = word_of(&data[2])
+    cdef int diagnostics = word_of(&data[4])
+    if verdict == NOTED:
+        arena[at.encoder.errors] += arena[at.refused]
+    if verdict != TAKEN:
+        return verdict
+    if word_of(data) < 0 or counts < 0 or diagnostics < 0:
+        arena[at.refused] += 1.0
+        arena[at.encoder.errors] += 1.0
+        return NOTED
+    return take(arena, &at.encoder, magnet_of(diagnostics >> 8), counts, CODES_5048)
 
 
 # Emulated encoders
@@ -117,6 +158,10 @@ cdef int as5600_answers_(double *arena, const Emulated *at, const Emulated *size
     return 1
 
 
+cdef inline uint8_t diagnostics_of(int magnet) noexcept nogil:
+    return 3 if magnet == NONE else 9 if magnet == WEAK else 5 if magnet == STRONG else 1
+
+
 cdef int as5048b_answers_(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
     cdef int magnet = <int>to_u32(arena[at.magnet])
     cdef int code
@@ -126,9 +171,35 @@ cdef int as5048b_answers_(double *arena, const Emulated *at, const Emulated *siz
     if code < 0:
         return 0
     frames[0].length = 5
-    frames[0].data[0] = 3 if magnet == NONE else 9 if magnet == WEAK else 5 if magnet == STRONG else 1
+    frames[0].data[0] = diagnostics_of(magnet)
     frames[0].data[1], frames[0].data[2] = 0x80, 0
     frames[0].data[3], frames[0].data[4] = <uint8_t>(code >> 6), <uint8_t>(code & 0x3F)
+    return 1
+
+
+cdef struct EmulatedSpi:
+    Emulated emulated
+    int32_t corrupt
+
+EMULATED_SPI = items((<EmulatedSpi *>ITEMS)[0], "state[3]")
+
+
+cdef inline void put_word(uint8_t *data, uint32_t word) noexcept nogil:
+    data[0], data[1] = <uint8_t>(word >> 8 | (0x80 if odd(word) else 0)), <uint8_t>(word & 0xFF)
+
+
+cdef int as504x_answers_(double *arena, const EmulatedSpi *at, const EmulatedSpi *sizes, Frame *frames) noexcept nogil:
+    cdef int code
+    if not isfinite(arena[at.emulated.position]):
+        return -NOT_FINITE
+    code = answer(arena, &at.emulated, &frames[0], CODES_5048)
+    if code < 0:
+        return 0
+    frames[0].length = 6
+    put_word(&frames[0].data[2], <uint32_t>code)
+    put_word(&frames[0].data[4], <uint32_t>diagnostics_of(<int>to_u32(arena[at.emulated.magnet])) << 8 | 0x80)
+    if arena[at.corrupt] != 0.0:
+        frames[0].data[2] ^= 0x10
     return 1
 
 
@@ -136,3 +207,5 @@ as5600_decode = export_decode(<decode_t>as5600_decode_, ENCODER)
 as5048b_decode = export_decode(<decode_t>as5048b_decode_, ENCODER)
 as5600_answers = export_encode(<encode_t>as5600_answers_, EMULATED)
 as5048b_answers = export_encode(<encode_t>as5048b_answers_, EMULATED)
+as504x_decode = export_decode(<decode_t>as504x_decode_, SPI_ENCODER)
+as504x_answers = export_encode(<encode_t>as504x_answers_, EMULATED_SPI)

@@ -67,6 +67,12 @@ def _i2c_buses(machine: Machine, wants: Wants) -> Finding:
     return permission(machine, "I2C", buses, "i2c")
 
 
+def _spi_buses(machine: Machine, wants: Wants) -> Finding | None:
+    """Check that this user may open the SPI buses."""
+    buses = machine.devices("spidev*")
+    return permission(machine, "SPI", buses, "spi") if buses else None
+
+
 def _i2c_speed(machine: Machine, wants: Wants) -> Finding | None:
     """Check the I2C clock, which the device tree has as four bytes, big-endian.
 
@@ -106,4 +112,4 @@ def permission(machine: Machine, name: str, devices: Sequence[Device], part: str
     return Finding(name, BAD, found, "the connected devices cannot be opened", cure, part, group)
 
 
-CHECKS = (_serial_ports, _serial_latency, _modem_manager, _i2c_buses, _i2c_speed)
+CHECKS = (_serial_ports, _serial_latency, _modem_manager, _i2c_buses, _i2c_speed, _spi_buses)

@@ -3,6 +3,7 @@
 buses             interfaces, and the lock against a second emulator
 carrier           process that carries frames of python-can's interfaces
 i2c_server        chips of an I2C bus, on a socket
+spi_server        the same for SPI
 gpio_server       GPIO line, on a socket
 socket_server     thread that both share
 network_senders   datagrams and TCP servers

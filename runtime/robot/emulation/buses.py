@@ -18,15 +18,16 @@ from runtime.host.machine.probe import Machine
 from runtime.host.signed_datagrams import read_key
 from runtime.robot.emulation.i2c_server import I2cServer
 from runtime.robot.emulation.network_senders import NetworkSender
+from runtime.robot.emulation.spi_server import SpiServer
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
 from runtime.robot.rig.errors import Refused, RigError, RigProblem
-from runtime.robot.rig.file import EMULATED, I2C, SOCKETCAN, UDP
+from runtime.robot.rig.file import CHIP_BUSES, EMULATED, I2C, SOCKETCAN, UDP
 from runtime.robot.rig.interface import Interface
 from runtime.robot.rig.serial_port import look_at_port
 
 if TYPE_CHECKING:
-    from blocks.i2c import I2cDevice
+    from blocks.chips import ChipDevice
     from cext.bus.memory_bus import BusEnd
     from runtime.robot.rig.file import RigBus, RigFile
 
@@ -40,7 +41,7 @@ class PlantBuses:
 
     rig : RigFile
     names : names of the buses, in the order of the plant's schedule
-    chips : {name of an I2C bus: (device of the robot, its emulator) of each device}
+    chips : {name of an I2C or SPI bus: (device of the robot, its emulator) of each device}
 
     remarks : texts for the operator
     real : channels on which there may be real drives
@@ -51,14 +52,14 @@ class PlantBuses:
         rig: RigFile,
         names: Iterable[str],
         machine: Machine | None = None,
-        chips: Mapping[str, Sequence[tuple[I2cDevice, I2cDevice]]] | None = None,
+        chips: Mapping[str, Sequence[tuple[ChipDevice, ChipDevice]]] | None = None,
     ) -> None:
         self.rig, self.names = rig, list(names)
         self.remarks, self.real = [], []
         self.locks, self.interfaces, self.servers, self.cans, problems = [], {}, [], {}, []
         self.lines, self.bell = None, -1
         self.carrier, self.chips = None, chips or {}
-        self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP, I2C)]
+        self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP, *CHIP_BUSES)]
         if self.carried:
             self.lines, self.bell = Lines(len(self.carried)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         try:
@@ -76,7 +77,7 @@ class PlantBuses:
             raise
 
     def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | I2cServer:
-        """Return the end of one bus: a SocketCan, a Line, or the server of an I2C bus.
+        """Return the end of one bus: a SocketCan, a Line, or the server of an I2C or SPI bus.
 
         Raises Refused if it cannot be opened.
         """
@@ -98,11 +99,12 @@ class PlantBuses:
             sender = NetworkSender("udp", bus.channel, CAN_FRAME_BYTES, sender=bus.peer, key=key)
             self.servers.append(sender)
             return SocketCan(sender.source)
-        if bus.interface == I2C and not bus.channel.startswith(EMULATED):
+        if bus.interface in CHIP_BUSES and not bus.channel.startswith(EMULATED):
             raise Refused(
                 RigProblem(
                     "TW105",
-                    f"[bus.{bus.name}] channel = {bus.channel!r}: chips on a real I2C bus cannot be emulated",
+                    f"[bus.{bus.name}] channel = {bus.channel!r}: chips on a real {bus.interface.upper()} bus "
+                    "cannot be emulated",
                     f'write channel = "{EMULATED}/tmp/{bus.name}" in the rig file of the run and of emulate',
                 )
             )
@@ -116,8 +118,9 @@ class PlantBuses:
                     "end that process first: two emulators would reply to every frame twice",
                 )
             ) from None
-        if bus.interface == I2C:
-            server = I2cServer(Path(bus.channel.removeprefix(EMULATED)), self.chips.get(bus.name, ()))
+        if bus.interface in CHIP_BUSES:
+            kind: Any = I2cServer if bus.interface == I2C else SpiServer
+            server = kind(Path(bus.channel.removeprefix(EMULATED)), self.chips.get(bus.name, ()))
             self.servers.append(server)
             return server
         if bus.interface != SOCKETCAN:

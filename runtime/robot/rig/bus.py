@@ -11,9 +11,9 @@ DATA_BITRATE_MAXIMUM = 8_000_000  # bit/s, of CAN FD
 class RigBus:
     """Interface of a logical bus.
 
-    interface : kind of python-can, udp, or i2c
+    interface : kind of python-can, udp, i2c or spi
     channel : name of the interface
-    bitrate : bit/s
+    bitrate : bit/s; of SPI the clock
     fd : whether it carries CAN FD
     data_bitrate : bit/s of the data phase of CAN FD frames; 0: they do not switch the bitrate
     peer : destination of UDP datagrams, "" for none

@@ -19,11 +19,12 @@ from runtime.robot.guardian import plan as guardians_plan
 from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import SHARED
 from runtime.robot.rig.errors import Refused, RigError, RigProblem
-from runtime.robot.rig.file import I2C, SOCKETCAN, UDP
+from runtime.robot.rig.file import CHIP_BUSES, I2C, SOCKETCAN, UDP
 from runtime.robot.rig.i2c import I2cInterface, SeveralRefused, error_in_words
 from runtime.robot.rig.interface import Interface
 from runtime.robot.rig.interface_checks import WIRING, again, take_up
 from runtime.robot.rig.serial_port import look_at_port
+from runtime.robot.rig.spi import SpiInterface
 from runtime.robot.rig.streams import StreamLines
 from runtime.robot.rig.udp import UdpInterface, failure_in_words
 
@@ -117,14 +118,14 @@ class RigBuses:
     def _open(self, index, name, devices, machine):
         """Open the interface of a bus. Raises Refused."""
         bus = self.rig.buses[name]
-        if (bus.interface == I2C) != (self.media[name] == "i2c"):
+        medium = self.media[name]
+        if medium != (bus.interface if bus.interface in CHIP_BUSES else "can"):
             raise Refused(
                 RigProblem(
                     "TW105",
-                    f"[bus.{name}] interface = {bus.interface!r}, but its devices use "
-                    f"{'I2C' if bus.interface != I2C else 'CAN'}",
-                    'write interface = "i2c" and channel = "/dev/i2c-1"'
-                    if bus.interface != I2C
+                    f"[bus.{name}] interface = {bus.interface!r}, but its devices use {medium.upper()}",
+                    f'write interface = "{medium}" and channel = "{CHIP_BUSES[medium]}"'
+                    if medium in CHIP_BUSES
                     else 'write interface = "socketcan"',
                 )
             )
@@ -143,8 +144,8 @@ class RigBuses:
             raise Refused(
                 RigProblem("TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}", taken.remedy)
             ) from None
-        if bus.interface == I2C:
-            interface = I2cInterface(bus, devices)
+        if bus.interface in CHIP_BUSES:
+            interface = (I2cInterface if bus.interface == I2C else SpiInterface)(bus, devices)
             return OpenBus(interface, interface)
         if bus.interface == UDP:
             interface = UdpInterface(bus, devices)
@@ -261,7 +262,7 @@ class RigBuses:
         """Start the threads that read devices other than CAN. priority : SCHED_FIFO priority if granted, else 0"""
         self.streams.start(priority)
         for name, bus in self.buses.items():
-            if self.media[name] == "i2c":
+            if self.media[name] in CHIP_BUSES:
                 bus.interface.start(priority)
 
     def leave_sensors(self) -> None:
@@ -344,10 +345,10 @@ class RigBuses:
         return {name: bus["stranger_ids"] for name, bus in self.after.items() if bus["stranger_ids"]}
 
     def sensors(self) -> list[str]:
-        """Return 'shank 200 Hz' for each I2C device, with its errors."""
+        """Return 'shank 200 Hz' for each device on I2C or SPI, with its errors."""
         lines = []
         for name, bus in self.after.items():
-            for path, counts in bus["devices"].items() if self.media[name] == "i2c" else ():
+            for path, counts in bus["devices"].items() if self.media[name] in CHIP_BUSES else ():
                 words = f"{path} {counts['rate']:.4g} Hz"
                 if counts["failures"]:
                     words += f", failed {counts['failures']} times ({error_in_words(counts['error'])})"
@@ -357,11 +358,11 @@ class RigBuses:
         return lines
 
     def failures(self) -> list[tuple[str, dict[str, Any], str]]:
-        """Return (path, counts, last error) of the I2C devices that failed to reply at times."""
+        """Return (path, counts, last error) of the devices on I2C or SPI that failed to reply at times."""
         return [
             (path, counts, error_in_words(counts["error"]))
             for name, bus in self.after.items()
-            if self.media[name] == "i2c"
+            if self.media[name] in CHIP_BUSES
             for path, counts in bus["devices"].items()
             if counts["failures"]
         ]

@@ -31,9 +31,11 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-SOCKETCAN, I2C = "socketcan", "i2c"
+SOCKETCAN, I2C, SPI = "socketcan", "i2c", "spi"
+CHIP_BUSES = {I2C: "/dev/i2c-1", SPI: "/dev/spidev0"}  # read by a thread: example of a channel
+SPI_CLOCK_MAXIMUM = 10_000_000  # Hz
 EMULATED_TEXT = "emulated by another process"
-EMULATED = "unix:"  # prefix of the socket of `emulate`, as the channel of an I2C bus or as a GPIO chip
+EMULATED = "unix:"  # prefix of the socket of `emulate`, as the channel of an I2C or SPI bus or as a GPIO chip
 BITRATE_MINIMUM = 10_000  # bit/s
 INTERFACE_NAME_LIMIT = 15  # characters of a network interface
 KEYS = {  # of a bus: type, example, whether it is required
@@ -166,8 +168,8 @@ def _bus(name, table, problems):
     if len(problems) > before:
         return None
     parsed = RigBus(name, **table)
-    if parsed.interface == I2C:
-        _check_i2c(parsed, table, report)
+    if parsed.interface in CHIP_BUSES:
+        _check_chip_bus(parsed, table, report)
         return parsed if len(problems) == before else None
     if not BITRATE_MINIMUM <= parsed.bitrate <= BITRATE_MAXIMUM:
         report(
@@ -196,7 +198,7 @@ def _bus(name, table, problems):
     if parsed.interface not in (SOCKETCAN, UDP) and parsed.interface not in _kinds():
         report(
             f"interface = {parsed.interface!r}: python-can has no such interface",
-            suggestion(parsed.interface, [*_kinds(), UDP, I2C]) or 'write interface = "socketcan"',
+            suggestion(parsed.interface, [*_kinds(), UDP, *CHIP_BUSES]) or 'write interface = "socketcan"',
         )
     return parsed if len(problems) == before else None
 
@@ -235,18 +237,31 @@ def _check_udp(bus, report):
         report("fd = true: UDP carries classic CAN frames only", "remove it")
 
 
-def _check_i2c(bus, table, report):
-    """Check an I2C bus. report : callback for (message, hint)"""
+def _check_chip_bus(bus, table, report):
+    """Check an I2C or SPI bus. report : callback for (message, hint)"""
+    example, spi = CHIP_BUSES[bus.interface], bus.interface == SPI
     for key in table:
-        if key not in ("interface", "channel"):
+        if key not in ("interface", "channel", *["bitrate"] * spi):
             report(
-                f"{key}: not valid for an I2C bus",
-                "remove it; the clock is set in the system's configuration: dtparam=i2c_arm_baudrate",
+                f"{key}: not valid for an {bus.interface.upper()} bus",
+                "remove it"
+                + ("" if spi else "; the clock is set in the system's configuration: dtparam=i2c_arm_baudrate"),
             )
+    if spi and not BITRATE_MINIMUM <= bus.bitrate <= SPI_CLOCK_MAXIMUM:
+        report(
+            f"bitrate = {bus.bitrate}: outside the range of the clock, {BITRATE_MINIMUM} to {SPI_CLOCK_MAXIMUM} bit/s",
+            "write bitrate = 1_000_000",
+        )
     if not bus.channel.startswith(("/dev/", EMULATED)):
         report(
             f"channel = {bus.channel!r}: expected a device file in /dev, or {EMULATED}PATH for `emulate`",
-            'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists the buses of this machine',
+            f'write channel = "{example}"; ls {example.rstrip("01")}* lists the buses of this machine',
+        )
+    elif spi and re.fullmatch(r"/dev/spidev\d+\.\d+", bus.channel):
+        channel, chip_select = bus.channel.split(".")
+        report(
+            f"channel = {bus.channel!r}: it includes a chip select",
+            f'write channel = "{channel}", and chip_select = {chip_select} of the device',
         )
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blocks.i2c import I2cDevice, Read
+from blocks.spi import Shift
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_adapters import LinuxAdapter
 from cext.lines.i2c_socket import SocketAdapter
@@ -257,7 +258,10 @@ def error_in_words(error: int) -> str:
 def exchange(transfer: Transfer, address: int) -> tuple[Any, ...]:
     """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add. address : address of the device"""
     steps = tuple(
-        (step.register, step.count if isinstance(step, Read) else bytes(step.data)) for step in transfer.steps
+        (step.word, step.data, True)
+        if isinstance(step, Shift)
+        else (step.register, step.count if isinstance(step, Read) else bytes(step.data))
+        for step in transfer.steps
     )
     return transfer.number, address if transfer.address is None else transfer.address, steps, bytes(transfer.appended)
 
@@ -292,9 +296,16 @@ def open_adapter(bus: RigBus) -> tuple[Chips, I2cAdapter]:
 
 
 def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
-    """Connect to the chips of `emulate`. Returns (Chips, SocketAdapter). Raises Refused.
+    """Connect to the chips of `emulate`. Returns (Chips, SocketAdapter). Raises Refused."""
+    adapter = connect_emulated(name, path)
+    return Chips(AdapterWires(adapter)), adapter
+
+
+def connect_emulated(name: str, path: str, duplex: bool = False) -> SocketAdapter:
+    """Connect to the chips of `emulate`. Raises Refused.
 
     name : bus named in the message
+    duplex : whether the bus is SPI
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as end:
         try:
@@ -304,8 +315,7 @@ def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
             raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", hint)) from None
         # time-out of an exchange, struct timeval
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, EXCHANGE_TIMEOUT_US))
-        adapter = SocketAdapter(end.fileno())
-    return Chips(AdapterWires(adapter)), adapter
+        return SocketAdapter(end.fileno(), duplex)
 
 
 def in_words(name: str, path: str, error: OSError) -> RigProblem:

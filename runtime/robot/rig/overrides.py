@@ -31,7 +31,7 @@ def override(rig: RigFile, diagram: Diagram) -> None:
     if problems:
         raise RigError(rig.path, problems)
     for block in devices.values():
-        if block.medium == "can":
+        if block.medium in ("can", "spi"):
             bus = rig.buses[block.bus]
             block.bitrate, block.data_bitrate = float(bus.bitrate), float(bus.data_bitrate)
 

@@ -18,7 +18,7 @@ from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.robot.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
 from runtime.robot.rig.errors import Refused, RigProblem
-from runtime.robot.rig.file import I2C, SOCKETCAN, UDP
+from runtime.robot.rig.file import CHIP_BUSES, SOCKETCAN, UDP
 from runtime.robot.rig.interface_checks import look
 from runtime.robot.rig.serial_port import look_at_port
 
@@ -45,7 +45,7 @@ class ToolBus:
         self.bus, self.sent = bus, []
         self.refused, self.errors = 0, 0
         self.remarks = []
-        if bus.interface in (*ONE_PROCESS, UDP, I2C):
+        if bus.interface in (*ONE_PROCESS, UDP, *CHIP_BUSES):
             raise Refused(
                 RigProblem(
                     "TW105",

@@ -79,7 +79,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            table of the model), factor (torque over the
                            commanded torque; null: unknown), accept (option
                            with which a rig is armed nevertheless)
-  buses                    bus, medium (can, stream, i2c), line (kind of stream,
+  buses                    bus, medium (can, stream, i2c, spi), line (kind of stream,
                            such as gpio, "" for others), devices, coverage,
                            and if the traffic is known bitrate, data_bitrate
                            (bit/s; 0: no rate switch), frames (1/s), typical,

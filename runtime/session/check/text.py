@@ -270,6 +270,7 @@ def bar(proof: Mapping[str, Any]) -> str:
 
 LINES = {  # text of a medium or kind of line
     "i2c": "I2C",
+    "spi": "SPI",
     "serial": "serial line",
     "dialogue": "serial line",
     "net": "network",
@@ -298,7 +299,9 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
         rate = f"{bus['bitrate'] / 1e6:g} Mbit/s" + (
             f" and {bus['data_bitrate'] / 1e6:g} Mbit/s (data of CAN FD)" if bus["data_bitrate"] else ""
         )
-        load = f"{bus['typical']:.0%} of {rate}, {bus['worst']:.0%} with worst-case stuffing"
+        load = f"{bus['typical']:.0%} of {rate}, {bus['worst']:.0%} with " + (
+            "10 µs between frames" if bus["medium"] == "spi" else "worst-case stuffing"
+        )
         load += f"; {bus['frames']:g} frames/s"
         lines += console.hang(
             f"  {bus['bus']:<{width}}  {style('█' * filled)}{console.faint('░' * (BAR - filled))}  ", load

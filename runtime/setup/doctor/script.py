@@ -269,6 +269,10 @@ run udevadm trigger --subsystem-match=i2c-dev
 """
 
 
+def _spi(wants: Wants, findings: Sequence[Finding]) -> str:
+    return _i2c(wants, findings).replace("i2c-dev", "spidev").replace("i2c", "spi")
+
+
 def _serial(wants: Wants, findings: Sequence[Finding]) -> str:
     if findings[0].subject != "root":
         return _membership(wants, findings)
@@ -323,4 +327,5 @@ PARTS = {
     "modems": _modems,
     "i2c": _i2c,
     "i2c speed": _i2c_speed,
+    "spi": _spi,
 }

@@ -24,7 +24,8 @@ OUTSIDE = {
     **LAPTOP,
     "/etc/group": "dialout:x:20:\n",
     "/commands/ls -l _dev": (
-        "crw------- 1 root root 89, 1 Nov 21 09:12 i2c-1\ncrw------- 1 root root 188, 0 Nov 21 10:40 ttyUSB0\n"
+        "crw------- 1 root root 89, 1 Nov 21 09:12 i2c-1\ncrw------- 1 root root 153, 0 Nov 21 09:12 spidev0.0\n"
+        "crw------- 1 root root 188, 0 Nov 21 10:40 ttyUSB0\n"
     ),
 }
 SLEEPY = {**LAPTOP, "/proc/sys/kernel/sched_rt_runtime_us": "0\n"}
