@@ -39,6 +39,7 @@ EXAMPLES = {
     "TorqueProfile": ({}, {"points": ((0.1, 3.0), (0.6, -8.0))}),
     "TorqueGate": ({}, {"mode": "damping"}, {"mode": "hold"}),
     "FeedForward": ({}, {"friction": 2.0}),
+    "InverseDynamics": ({"file": str(ROOT / "diagrams" / "examples" / "leg.urdf")},),
     "Limb": ({}, {"lower": 0.0}),
     "StepSource": ({"time": 0.1},),
     "Pulse": ({}, {"period": 0.1}),

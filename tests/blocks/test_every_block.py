@@ -62,8 +62,6 @@ def examples(request, recording, tmp_path_factory):
     if request.param == "MujocoBody":
         pytest.importorskip("mujoco")
         return ({"file": str(ROOT / "diagrams" / "examples" / "leg.xml")},)
-    if request.param == "InverseDynamics":
-        return ({"file": str(ROOT / "diagrams" / "examples" / "leg.urdf")},)
     return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
 
 

@@ -14,6 +14,7 @@ from graph.block import Sink
 from graph.conformance import Drive
 from graph.signal import Signal
 from runtime.robot.loading.catalog import libraries
+from tests.blocks.examples import EXAMPLES
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, plant_of
 
@@ -33,7 +34,8 @@ DECISIONS = {
 
 def cases():
     for kind in KINDS:
-        for number, parameters in enumerate(getattr(kind, "examples", ({},))):
+        default = EXAMPLES[kind.__name__] if kind.__name__ == "InverseDynamics" else ({},)
+        for number, parameters in enumerate(getattr(kind, "examples", default)):
             yield pytest.param(kind, dict(parameters), id=f"{kind.__name__}-{number}" if number else kind.__name__)
 
 
