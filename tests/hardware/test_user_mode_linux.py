@@ -22,8 +22,8 @@ def test_real_i2c_and_socketcan_under_user_mode_linux():
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("file", ["test_i2c_run.py", "test_i2c_combined.py"])
-def test_i2c_of_runs_under_user_mode_linux(file):
+@pytest.mark.parametrize("file", ["test_i2c_run.py", "test_i2c_combined.py", "test_spi.py"])
+def test_i2c_and_spi_of_runs_under_user_mode_linux(file):
     under_user_mode_linux(file, VMRUN_CHIPS=ADDRESSES)
 
 

@@ -11,7 +11,7 @@ from runtime.host.machine.can import ARPHRD_CAN, bitrates
 from runtime.host.machine.probe import Machine
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import Refused
-from runtime.robot.rig.file import I2C, SOCKETCAN, UDP, parse, read
+from runtime.robot.rig.file import CHIP_BUSES, I2C, SOCKETCAN, SPI, UDP, parse, read
 from runtime.robot.rig.interface_checks import link
 from runtime.robot.rig.tool_bus import ToolBus
 
@@ -36,12 +36,14 @@ def named_buses(options: Namespace, machine: Machine | None = None) -> list[RigB
             raise BadInput(f"--bus {options.bus}: {options.rig} has no such bus; {hint}")
         if not buses:
             raise BadInput(f"{options.rig} has no bus: write [bus.legs] with interface and channel")
-        return [bus for bus in buses.values() if bus.interface != UDP and options.bus in (None, bus.name)]
+        if options.bus is not None:
+            return [bus for bus in (buses[options.bus],) if bus.interface != UDP]
+        return [bus for bus in buses.values() if bus.interface not in (UDP, SPI)]  # SPI has no addresses to query
     if options.bus is not None:
         raise BadInput("--bus selects a bus of a rig file: add --rig RIG")
     if options.channel or (options.interface and options.interface != SOCKETCAN):
         if not options.channel:
-            example = "/dev/ttyACM0" if options.interface != I2C else "/dev/i2c-1"
+            example = CHIP_BUSES.get(options.interface, "/dev/ttyACM0")
             raise BadInput(f"--interface {options.interface} needs a channel: add, for example, --channel {example}")
         return [one_bus(options.interface or SOCKETCAN, options.channel, options.bitrate, machine)]
     names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
@@ -14,11 +15,13 @@ from runtime.host.errors import BAD_INPUT, OK
 from runtime.robot.emulation.spi_server import SpiServer
 from runtime.robot.rig.bus import RigBus
 from runtime.robot.rig.buses import RigBuses
-from runtime.robot.rig.errors import RigError
+from runtime.robot.rig.errors import Refused, RigError
 from runtime.robot.rig.file import parse
 from runtime.robot.rig.i2c import SeveralRefused
 from runtime.robot.rig.overrides import override
 from runtime.robot.rig.spi import SpiInterface, hint_of_buses, in_words
+from runtime.robot.rig.tool_bus import ToolBus
+from runtime.setup.commissioning.bus import named_buses
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started, write
 
@@ -113,6 +116,15 @@ def test_a_chip_without_a_valid_reply_is_refused_before_the_run(tmp_path, monkey
     [problem] = refused.value.problems
     assert '[device."hip"] unix:chips, chip select 1: no valid reply of a AS5048A' in problem.message
     assert "error bit, as an input without a chip reads" in problem.message
+
+
+def test_commands_for_all_buses_of_a_rig_leave_spi_out(tmp_path):
+    rig = write(tmp_path, RIG + '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n', "lab.toml")
+    options = Namespace(rig=rig, bus=None, interface=None, channel=None, bitrate=None)
+    assert [bus.name for bus in named_buses(options)] == ["legs"]
+    options.bus = "joints"
+    with pytest.raises(Refused, match="TW105.*has no drives"):
+        ToolBus(named_buses(options)[0])
 
 
 @pytest.mark.paced
