@@ -13,7 +13,7 @@ from typing import Any
 from blocks.sensors.magnetic_encoder import EmulatedEncoder, MagneticEncoder
 from blocks.spi import Shift, SpiDevice
 from cext.kernels.devices import encoders as kernels
-from graph import Input, Memory, Param
+from graph import Input, Memory, Output, Param
 
 ERROR_REGISTER, ANGLE, UNCOMPENSATED = 0x0001, 0x3FFF, 0x3FFE
 READ = ERROR = 0x4000
@@ -38,6 +38,8 @@ class SpiEncoder(MagneticEncoder, SpiDevice):
     mode, codes = 1, 16384
     diagnostics: int  # register
     decode = kernels.as504x_decode
+
+    errors = Output("1", "failed transfers and refused replies since the start of the run", dtype=int)
 
     refused = Memory(0.0, "replies with a wrong parity or an error bit")
 

@@ -36,7 +36,7 @@ def test_an_encoder_is_read_by_messages_of_spidev():
     device = subprocess.Popen(
         [sys.executable, "-m", "tests.hardware.spi_device"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    device.stdout.readline()
+    assert device.stdout is not None and device.stdout.readline()
     with Diagram("robot", rate=50) as robot:
         knee = AS5047(name="knee", bus="joints", rate=20.0, timeout=3.0)
         CsvRecorder()
