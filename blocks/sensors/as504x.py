@@ -1,4 +1,4 @@
-"""AS5047 and AS5048A, magnetic encoders of 14 bits on SPI. (ams, AS5047P v1-04, AS5047D v1-07, AS5048 v1-11)
+"""AS5047 and AS5048A, magnetic encoders of 14 bits on SPI. (ams, AS5047P, AS5047D, AS5048)
 
 Frames have 16 bits: even parity in bit 15, bit 14 is 1 for a read command and for an error in a reply, then the address
 or the data. The reply to a command arrives in the next frame. One transfer reads the angle, then the diagnostics, which
@@ -102,7 +102,7 @@ class AS5047(SpiEncoder):
     """AS5047P or AS5047D, a magnetic encoder of a joint: θ = ± 2π counts / 16384 − offset, within ±π.
 
     `counts` are relative to a zero position that is programmed in the chip. An angle with an overflow, or before the
-    offset is compensated, is not a sample.   (ams, AS5047P v1-04, AS5047D v1-07)
+    offset is compensated, is not a sample.   (ams, AS5047P, AS5047D)
     """
 
     compensated = Param(
@@ -123,7 +123,7 @@ class AS5048A(SpiEncoder):
     """AS5048A, a magnetic encoder of a joint: θ = ± 2π counts / 16384 − offset, within ±π.
 
     `counts` are relative to a zero position that is programmed in the chip. An angle with an overflow, or before the
-    offset is compensated, is not a sample.   (ams, AS5048A/AS5048B v1-11)
+    offset is compensated, is not a sample.   (ams, AS5048A)
     """
 
     kind, diagnostics = "AS5048A", 0x3FFD

@@ -6,7 +6,7 @@
     AS5048B    transfer 0, five bytes: diagnostics, magnitude, then 14 bits in 8 and 6. Diagnostics have 0x01 offset
                compensated, 0x02 overflow: the angle is invalid, 0x04 strong field, 0x08 weak field. (AS5048 v1-11)
     AS5047,    transfer 0, three frames of 16 bits: error register, angle, diagnostics with the bits of an AS5048B from
-    AS5048A    bit 8 on. Each has even parity in bit 15, an error bit 14, and 14 bits. (AS5047P v1-04, AS5048 v1-11)
+    AS5048A    bit 8 on. Each has even parity in bit 15, an error bit 14, and 14 bits. (AS5047P, AS5048)
 """
 
 from libc.math cimport floor, isfinite
