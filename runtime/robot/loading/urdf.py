@@ -39,10 +39,17 @@ SHARES = {"thigh": THIGH, "shank": SHANK, "foot": FOOT}
 
 
 def urdf(diagram: Diagram) -> str:
-    """Return a diagram's robot as URDF. Raises BadInput if no actuator or sensor has the name of a joint or segment."""
-    joints = dict(members((block for block in diagram if isinstance(block, Actuator)), JOINTS))
-    sensors = dict(members(filter(is_inertial, diagram), ("pelvis", "trunk", *LENGTHS)))
-    limbs = dict.fromkeys(side for side, part in (*joints, *sensors) if part not in ("pelvis", "trunk"))
+    """Return a diagram's robot as URDF.
+
+    Raises BadInput if no actuator or sensor has the name of a joint or segment, or two actuators that of one joint.
+    """
+    joints: dict[tuple[str, str], Block] = {}
+    for place, actuator in members((block for block in diagram if isinstance(block, Actuator)), JOINTS):
+        if (other := joints.setdefault(place, actuator)) is not actuator:
+            raise BadInput(f"{other.path} and {actuator.path} are one joint in a URDF: give them different names")
+    sensors = list(members(filter(is_inertial, diagram), ("pelvis", "trunk", *LENGTHS)))
+    places = [*joints, *(place for place, _ in sensors)]
+    limbs = dict.fromkeys(side for side, part in places if part not in ("pelvis", "trunk"))
     if not limbs:
         raise BadInput(
             f"{diagram.name} has no actuator with a name such as left/knee, and no inertial sensor such as "
@@ -56,7 +63,7 @@ def urdf(diagram: Diagram) -> str:
     body(pelvis, (0.0, 0.0, TRUNK_CENTRE * HEIGHT), mass, inertia, box, (0.0, 0.0, 0.05))
     for side in limbs:
         add_limb(robot, side, {joint: joints.get((side, joint)) for joint in JOINTS})
-    for (side, segment), sensor in sensors.items():
+    for (side, segment), sensor in sensors:
         link = segment_name(side, segment) if segment in LENGTHS else "pelvis"
         name = named(sensor.path)
         ElementTree.SubElement(robot, "link", name=name)

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+from blocks.actuators import CubeMars
+from blocks.imus import MicroStrain
+from graph import Diagram, subsystem
 from runtime.host.errors import BadInput
 from runtime.robot.loading.draw import draw_file
+from runtime.robot.loading.urdf import urdf as made
 from tests.optional import Library
 from tests.runtime.runs import ROOT, knee, write
 
@@ -63,3 +67,15 @@ def test_a_range_is_a_limit_and_a_robot_without_names_of_joints_is_refused(tmp_p
     text = knee(tmp_path).read_text().replace('name="knee")', 'name="winch")')
     with pytest.raises(BadInput, match="knee has no actuator with a name such as left/knee"):
         draw_file(write(tmp_path, text), output=str(tmp_path / "winch.urdf"))
+
+
+def test_two_actuators_of_one_joint_are_refused_and_two_sensors_of_one_segment_are_there():
+    with Diagram("robot", rate=100) as diagram:
+        for number, name in enumerate(("left_thigh_imu", "left_thigh_imu_2")):
+            MicroStrain(name=name, serial=f"6251.{number}")
+        CubeMars("AK80-9", name="left_knee", can_id=1)
+    assert all(f'<link name="{name}"' in made(diagram) for name in ("left_thigh_imu", "left_thigh_imu_2"))
+    with diagram, subsystem("left"):
+        CubeMars("AK80-9", name="knee", can_id=2)
+    with pytest.raises(BadInput, match="left_knee and left/knee are one joint in a URDF"):
+        made(diagram)
