@@ -116,7 +116,7 @@ class PID(_Controller):
     clamps = Memory(1.0, "1: clamping; 0: back-calculation")
     integral = Memory(0.0, "integral part I")
     follower = Memory(math.nan, "state of the derivative filter")
-    spoiled = Memory(0.0, "1 in the tick after an infinite `applied`")
+    spoiled = Memory(0.0, "`applied` of the previous tick if it was infinite")
 
     feedthrough = ("reference", "measurement", "manual", "manual_command")
     kernel = kernels.pid
@@ -125,8 +125,10 @@ class PID(_Controller):
     def configure(self) -> None:
         super().configure()
         if self.unit != ANY:
-            commands = ("manual_command", "applied")
-            self.inputs = self.inputs | {name: in_unit(self.inputs[name], self.unit) for name in commands}
+            self.inputs = self.inputs | {
+                "manual_command": in_unit(self.inputs["manual_command"], self.unit),
+                "applied": in_unit(self.inputs["applied"], self.unit),
+            }
         self.clamps = float(self.anti_windup == "clamping")
         self.winds_up = {"command": "applied"} if self.ki else {}
         self.smooth = ("reference", "measurement") if self.kd else ()

@@ -73,7 +73,7 @@ cdef inline void track(
     """Let the integral follow the command that is applied behind the controller."""
     cdef double share = h / tracking_time(gains)
     cdef double change = (share if share < 1.0 else 1.0) * (applied - u)
-    spoiled[0] = isinf(applied)
+    spoiled[0] = applied if isinf(applied) else 0.0
     if is_finite(change):
         integral[0] += change
 
@@ -130,7 +130,7 @@ cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept 
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
         arena[at.command + i] = control(
-            &gains, arena[at.reference + i] if arena[at.spoiled + i] == 0.0 else NAN, arena[at.measurement + i],
+            &gains, NAN if isinf(arena[at.spoiled + i]) else arena[at.reference + i], arena[at.measurement + i],
             arena[DT], arena[at.manual], arena[at.manual_command + i],
             arena + at.integral + i, NULL)
     return OK
@@ -165,7 +165,7 @@ cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexce
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
         arena[at.command + i] = control(
-            &gains, arena[at.reference + i] if arena[at.spoiled + i] == 0.0 else NAN, arena[at.measurement + i],
+            &gains, NAN if isinf(arena[at.spoiled + i]) else arena[at.reference + i], arena[at.measurement + i],
             arena[DT], arena[at.manual], arena[at.manual_command + i],
             arena + at.integral + i, arena + at.follower + i)
     return OK

@@ -31,7 +31,13 @@ def spin():
 COMPLETE, ENDED, DIED = "200 of 200 done", "done, 0 missed", ""
 ATTACKS = {  # expression in tick 20, exit code, text in the summary, text on standard error
     "chdir": ("os.chdir('/')", 0, COMPLETE, ""),
-    "folder deleted": ("shutil.rmtree(folder)", 4, "its file was deleted", "its file was deleted"),
+    # again where the recorder has put a file into a folder that was just emptied
+    "folder deleted": (
+        "[shutil.rmtree(folder, ignore_errors=True) for _ in range(9)]",
+        4,
+        "its file was deleted",
+        "its file was deleted",
+    ),
     "_exit": ("os._exit(7)", 7, DIED, "died in law after tick 19"),
     "exec": ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5, DIED, "died in law after tick 19"),
     "sys.exit": ("sys.exit(5)", 3, "20 of 200 done", "SystemExit"),

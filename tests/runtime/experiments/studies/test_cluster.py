@@ -30,7 +30,7 @@ def test_table_of_a_cluster_equals_that_of_this_process_bit_for_bit(address, fol
 
 
 def test_exception_on_a_worker_names_trial_and_line(address, folder):
-    with pytest.raises(BadInput, match=r"trial 0 \(gain=3, seed=1\): KeyError: .*costs_of_test.py:\d+"):
+    with pytest.raises(BadInput, match=r"trial 0 \(gain=3, seed=1\): UnknownName: .*costs_of_test.py:\d+"):
         runtime.study(
             **{**STUDY, "seeds": [1]}, grid={"gain": [3]}, objectives={"a": "costs_of_test:raises_once"}, dask=address
         )

@@ -117,7 +117,7 @@ def test_samples_of_a_parameter_do_not_depend_on_the_others(folder):
 def test_interrupted_study_runs_only_the_missing_trials_and_gives_the_same_table(folder):
     more = {"objectives": {"count": "costs_of_test:counted", "once": "costs_of_test:raises_once"}, "workers": 1}
     path = folder / "study.parquet"
-    with pytest.raises(BadInput, match=r"trial 2 \(gain=3.5\): KeyError: .*no.such.*costs_of_test.py:\d+"):
+    with pytest.raises(BadInput, match=r"trial 2 \(gain=3.5\): UnknownName: .*no.such.*costs_of_test.py:\d+"):
         study(output=path, **more)
     assert not path.exists() and len((folder / "count").read_text()) == 3
     with open(folder / "study.parquet.unfinished", "a") as file:

@@ -299,7 +299,7 @@ def test_a_missing_library_is_reported_with_its_extra(monkeypatch, trial):
 
 def test_every_extra_is_declared():
     declared = PYPROJECT["project"]["optional-dependencies"]
-    names = {"rerun": "rerun-sdk"}
+    names = {"rerun": "rerun-sdk", "zenoh": "eclipse-zenoh"}
     for module, extra in EXTRAS.items():
         assert any(requirement.startswith(names.get(module, module)) for requirement in declared[extra]), extra
     assert need("json", "nothing").loads("1") == 1
