@@ -19,6 +19,7 @@ from runtime.host.errors import OK as FIT
 from runtime.host.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.host.machine.probe import PI, Machine
 from runtime.host.options import number, whole_number
+from runtime.robot.rig.bus import BITRATE_MAXIMUM, DATA_BITRATE_MAXIMUM
 from runtime.setup.doctor import examine
 from runtime.setup.doctor.script import script
 
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 WRAP_WIDTH = 110  # characters
 MARKS = {UNKNOWN: "?"}
-CLASSIC_CAN_BITRATE_LIMIT = 1_000_000  # bit/s
-DATA_BITRATE_MAXIMUM = 8_000_000  # bit/s, of CAN FD
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -66,8 +65,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("-y", "--yes", action="store_true", help="with --bundle: write without asking")
     parser.add_argument(
         "--bitrate",
-        type=whole_number("--bitrate", CLASSIC_CAN_BITRATE_LIMIT),
-        default=CLASSIC_CAN_BITRATE_LIMIT,
+        type=whole_number("--bitrate", BITRATE_MAXIMUM),
+        default=BITRATE_MAXIMUM,
         metavar="BPS",
         help="bitrate of the CAN buses in bit/s (default: 1000000)",
     )

@@ -110,6 +110,14 @@ class ChildProcess:
         if self._may_answer:
             os.close(self._answers)
 
+    def _kill(self) -> None:
+        """Kill the process, if it still runs, and close both pipes."""
+        self._close_answers()
+        with suppress(OSError):  # of an order that it has not read
+            self._orders.close()
+        self._child.kill()
+        self._child.wait()
+
     def _threads(self) -> Iterable[int]:
         return map(int, os.listdir(f"/proc/{self.pid}/task"))
 

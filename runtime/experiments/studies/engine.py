@@ -142,11 +142,7 @@ class Worker(ChildProcess):
 
     def end(self) -> None:
         """Kill the process."""
-        self._child.kill()
-        self._child.wait()
-        os.close(self._answers)
-        with suppress(BrokenPipeError):  # of an order that it has not read
-            self._orders.close()
+        self._kill()
 
     def _order(self, order):
         with suppress(BrokenPipeError):  # `row` reports it

@@ -221,8 +221,4 @@ class Carrier(ChildProcess):
 
     def close(self) -> None:
         """End the process and wait for it."""
-        with suppress(OSError):
-            self._orders.close()
-        self._child.kill()
-        self._child.wait()
-        os.close(self._answers)
+        self._kill()

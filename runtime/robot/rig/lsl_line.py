@@ -51,10 +51,7 @@ class Receiver(ChildProcess):
 
     def close(self) -> None:
         """End the process."""
-        self._child.kill()
-        self._child.wait()
-        self._orders.close()
-        self._close_answers()
+        self._kill()
 
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:

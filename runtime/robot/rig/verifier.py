@@ -35,11 +35,7 @@ class Verifier(ChildProcess):
 
     def close(self) -> None:
         """End the process."""
-        self._child.kill()
-        self._child.wait()
-        with suppress(OSError):
-            self._orders.close()
-        self._close_answers()
+        self._kill()
 
 
 def main(answers: int, control: int, received: int, passed: int) -> None:

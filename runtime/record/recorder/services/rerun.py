@@ -55,11 +55,7 @@ class Feeder(ChildProcess):
 
     def end(self) -> None:
         """Kill the process, if it still runs."""
-        os.close(self._answers)
-        self._orders.close()
-        if self._child.poll() is None:
-            self._child.kill()
-        self._child.wait()
+        self._kill()
 
 
 class RerunSender(Service):

@@ -48,11 +48,7 @@ class Bridge(ChildProcess):
 
     def end(self) -> None:
         """Kill the process, if it still runs."""
-        self._close_answers()
-        with suppress(OSError):
-            self._orders.close()
-        self._child.kill()
-        self._child.wait()
+        self._kill()
 
 
 class Ros2Service(Service):
