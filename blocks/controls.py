@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from blocks._plumbing.ports import check_port_names
 from cext.kernels.devices import input_devices as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 from graph.narrowing import is_row
@@ -174,9 +175,7 @@ def declared(block: Any, taken: dict[str, Output]) -> tuple[dict[str, int], tupl
             if not is_row(entry) or len(entry) != (4 if kind == AXIS else 2):
                 raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} must be {what}, got {entry!r}")
             name, code, low, high = (*entry, 0, 1)[:4]
-            reserved = named.keys() | taken.keys() | block.parameters.keys()
-            if not isinstance(name, str) or not name.isidentifier() or name in reserved or hasattr(StreamDevice, name):
-                raise ValueError(f"{name!r} is not a valid name, or is already used")
+            check_port_names([*named, name], taken.keys() | block.parameters.keys() | set(dir(StreamDevice)))
             if code not in CODES and not isinstance(code, int):
                 raise ValueError(f"{name}: unknown code {code!r}. Use the number that evtest prints")
             if not low < high:

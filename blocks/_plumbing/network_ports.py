@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import keyword
 import math
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from blocks._plumbing.ports import check_port_names
 from graph import units
 from graph.narrowing import is_row, is_table
 
@@ -93,8 +93,7 @@ def _ports(kind: type, what: str, entries: Any, reserved: Container[str]) -> Ite
         if not is_table(entry) or "name" not in entry or set(entry) - set(allowed):
             raise ValueError(f"{what}: expected an object with name and any of {', '.join(allowed[1:])}, got {entry!r}")
         name = entry["name"]
-        if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name in reserved:
-            raise ValueError(f"{what}: {name!r} cannot name a port: choose an identifier that is not reserved")
+        check_port_names([name], reserved)
         for key in ("unit", "description"):
             if not isinstance(entry.get(key, ""), str):
                 raise ValueError(f"{what}: {key} of {name} must be text, got {entry[key]!r}")

@@ -42,9 +42,11 @@ def check_port_names(names: Iterable[object], reserved: Container[str]) -> None:
     """Raise ValueError for a name that occurs twice, is reserved, or is not an identifier."""
     seen: set[str] = set()
     for name in names:
-        valid = isinstance(name, str) and name.isidentifier() and not keyword.iskeyword(name) and name != "self"
-        if not isinstance(name, str) or not valid or name in reserved or name in seen:
-            raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
+        refused = f"{name!r} cannot be the name of a port"
+        if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+            raise ValueError(f"{refused}: it must be a Python identifier that does not begin with _")
         if (written := unicodedata.normalize("NFKC", name)) != name:
-            raise ValueError(f"{name!r} cannot be the name of a port: Python reads it as {written!r}. Use that name")
+            raise ValueError(f"{refused}: Python reads it as {written!r}. Use that name")
+        if name in reserved or name in seen or name == "self":
+            raise ValueError(f"{refused}: it is {'used twice' if name in seen else 'reserved'}. Use another name")
         seen.add(name)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import keyword
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 
+from blocks._plumbing.ports import check_port_names
 from graph import Input, Interval, Output, units
 from graph.narrowing import is_row
 
@@ -96,9 +96,7 @@ def read(declared: tuple[tuple[str | float, ...], ...], taken: set[str]) -> list
     if not is_row(declared) or not declared:
         raise ValueError('fields must contain at least one field, as in fields=(("force", "int32", "N", 0.01),)')
     fields = [field(each, number) for number, each in enumerate(declared, 1)]
-    for each in fields:
-        if each.name in taken or sum(other.name == each.name for other in fields) > 1:
-            raise ValueError(f"field {each.name!r}: the name is already used")
+    check_port_names((each.name for each in fields), taken)
     return fields
 
 
@@ -109,8 +107,6 @@ def field(declared: tuple[str | float, ...], number: int) -> Field:
             f"field {number} must be (name, type, unit, scale), where unit and scale are 1 by default, got {declared!r}"
         )
     name, kind, unit, scale = (*declared, *("1", 1.0)[len(declared) - 2 :])
-    if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-        raise ValueError(f"field {number}: the name must be a Python identifier, got {name!r}")
     match = TYPE.match(kind) if isinstance(kind, str) else None
     if match is None or match[2] == "0":
         raise ValueError(

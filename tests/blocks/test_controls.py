@@ -110,7 +110,7 @@ def test_controls_report_emulated_events():
     [
         ({"axes": (("x", "ABS_X"),)}, "an axis must be .name, code, minimum, maximum."),
         ({"buttons": (("go", "BTN_GO"),)}, "go: unknown code 'BTN_GO'"),
-        ({"buttons": (("age", "KEY_A"),)}, "'age' is not a valid name, or is already used"),
+        ({"buttons": (("age", "KEY_A"),)}, "'age' cannot be the name of a port: it is reserved"),
         ({"axes": (("x", 0, 5, 5),)}, "x: the minimum must be below the maximum"),
     ],
 )

@@ -97,7 +97,7 @@ def picture(result: RunResult, file: BinaryIO, kind: str) -> None:
     shares.barh(places, [100 * row["share"] for row in rows], color=[COLOURS[kind] for kind in kinds], height=0.72)
     shares.set_yticks(places, [row["name"] for row in rows], fontsize=8)
     shares.set_ylim(len(rows) - 0.4, -0.6)
-    shares.set_xlabel("share of the tick, %")
+    shares.set_xlabel("share of the tick [%]")
     for group in dict.fromkeys(kinds):
         shares.barh(0, 0, color=COLOURS[group], label=group)
     shares.legend(loc="lower right", fontsize=8)
@@ -109,7 +109,7 @@ def picture(result: RunResult, file: BinaryIO, kind: str) -> None:
             [1e6 * row[name] for row in rows], places, marker=marker, s=size, label=name, color="#30343a", zorder=3
         )
     calls.set_xscale("log")
-    calls.set_xlabel("time per call, µs")
+    calls.set_xlabel("time per call [µs]")
     calls.legend(loc="lower right", fontsize=8)
     for axes in (shares, calls):
         axes.grid(axis="x", alpha=0.25)

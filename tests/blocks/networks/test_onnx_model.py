@@ -307,7 +307,7 @@ FAULTS = {
     "no list": (model_with("channels", 5), "channels: expected a list of objects, got 5"),
     "no text": (model_with("channels", [{"name": "a", "unit": ["m"]}]), "channels: unit of a must be text, got ['m']"),
     "unknown key": (model_with("channels", [{"name": "a", "scale": 2}]), "channels: expected an object with name and"),
-    "reserved name": (model_with("outputs", [{"name": "valid"}]), "outputs: 'valid' cannot name a port"),
+    "reserved name": (model_with("outputs", [{"name": "valid"}]), "'valid' cannot be the name of a port"),
     "zero std": (model_with("outputs", [{"name": "a", "std": 0}]), "outputs: std of a must be above 0, got 0"),
     "range": (model_with("outputs", [{"name": "a", "range": [2, 1]}]), "range of a must be [low, high], got [2, 1]"),
     "NaN": (model_with("channels", [{"name": "a", "mean": math.nan}]), "mean of a must be a finite number, got nan"),

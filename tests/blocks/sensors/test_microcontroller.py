@@ -445,14 +445,16 @@ def test_a_documented_sketch_sends_packets_for_the_block_while_its_sensor_respon
     [
         ((), "fields must contain at least one field"),
         ((("force",),), "field 1 must be .name, type, unit, scale., where unit and scale are 1 by default"),
-        ((("2nd", "int16"),), "field 1: the name must be a Python identifier"),
+        ((("2nd", "int16"),), "'2nd' cannot be the name of a port: it must be a Python identifier"),
         (
             (("force", "int12"),),
             "field 'force': the type must be one of uint8, int8, .* or an array such as int16.3., got 'int12'",
         ),
         ((("force", "int16", "N", 0.0),), "field 'force': the scale must be a nonzero number"),
-        ((("force", "int16"), ("force", "int16")), "field 'force': the name is already used"),
-        ((("age", "int16"),), "field 'age': the name is already used"),
+        ((("force", "int16"), ("force", "int16")), "'force' cannot be the name of a port: it is used twice"),
+        ((("age", "int16"),), "'age' cannot be the name of a port: it is reserved"),
+        ((("self", "int16"),), "'self' cannot be the name of a port: it is reserved"),
+        ((("\u00b5", "int16"),), "'\u00b5' cannot be the name of a port: Python reads it as '\u03bc'"),
         (
             (("force", "float64[40]"),),
             "a packet is limited to 250 bytes and 200 numbers, and these fields have 320 and 40",

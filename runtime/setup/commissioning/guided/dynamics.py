@@ -254,8 +254,8 @@ def draw(name: str, found: Identified, path: Path) -> None:
         linewidth=1.2,
         label="Coulomb and viscous friction",
     )
-    curve.set_xlabel("speed in rad/s")
-    curve.set_ylabel("torque in N·m")
+    curve.set_xlabel("speed [rad/s]")
+    curve.set_ylabel("torque [N·m]")
     curve.legend(frameon=False, fontsize=8)
     picture.frame(curve)
     numbers.axis("off")

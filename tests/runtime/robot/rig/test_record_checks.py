@@ -32,8 +32,8 @@ with Diagram("legs", rate=200) as diagram:
         ("hip", CubeMars("AK80-9", "legs", 3, range=(-0.3, 0.3), name="hip")),
     ):
         block(torque_command=0.0)
-    OpenImu("imus", 129, name="shank")
-    MicroStrain(serial="133931", name="thigh")
+    OpenImu("imus", 129, timeout=1.0, name="shank")
+    MicroStrain(serial="133931", timeout=1.0, name="thigh")
 
 
 def plant(robot):
@@ -61,13 +61,19 @@ UNITS = {
     "left": AT | {"serial": "A" * 16, "firmware": "0.2.3.32.0", "settings": {"can_id": 20}},
     "right": AT | {"serial": "B" * 16, "firmware": "0.2.3.33.0", "settings": {"can_id": 21}},
     "cyber": AT | {"serial": "C" * 16, "model": "CyberGear", "settings": {"can_id": 22}},
-    "shank": {"serial": IMU, "block": "OpenImu", "model": "300RI", "firmware": VERSION, "settings": {"address": 129}},
+    "shank": {
+        "serial": IMU,
+        "block": "OpenImu",
+        "model": "300RI",
+        "firmware": VERSION,
+        "settings": {"address": 129, "timeout": 1.0},
+    },
     "thigh": {
         "serial": "6253.133931",
         "block": "MicroStrain",
         "model": "",
         "firmware": "1.1.6",
-        "settings": {"serial": "133931"},
+        "settings": {"serial": "133931", "timeout": 1.0},
     },
     "hip": {"serial": "X 7", "block": "CubeMars", "model": "AK80-9", "settings": {"can_id": 3}},
 }
@@ -116,7 +122,10 @@ def run(folder, *words, **changed):
         ({"cyber": {"serial": "E" * 16}}, f"and the unit that responds is {'C' * 16}"),
         ({"shank": {"serial": "F" * 16}}, f"and the unit that responds is {IMU}"),
         ({"shank": {"firmware": "1.0.9.0.0"}}, f"is of firmware 1.0.9.0.0, and the unit has {VERSION}"),
-        ({"shank": {"settings": {"address": 129, "orientation": "x"}}}, "was measured with orientation"),
+        (
+            {"shank": {"settings": {"address": 129, "timeout": 1.0, "orientation": "x"}}},
+            "was measured with orientation",
+        ),
         ({"shank": {"steps": {"rest": StepRecord("2026-11-27 14:02", AGREES)}}}, "has no bend"),
         ({"thigh": {"serial": "6253.133932"}}, "is of the unit 6253.133932, and the unit that responds is 6253.133931"),
         ({"left": {"steps": {}}}, "has no identity, bus, state, turn"),
