@@ -107,6 +107,8 @@ def field(declared: tuple[str | float, ...], number: int) -> Field:
             f"field {number} must be (name, type, unit, scale), where unit and scale are 1 by default, got {declared!r}"
         )
     name, kind, unit, scale = (*declared, *("1", 1.0)[len(declared) - 2 :])
+    if not isinstance(name, str):
+        raise ValueError(f"field {number}: the name must be text, got {name!r}")
     match = TYPE.match(kind) if isinstance(kind, str) else None
     if match is None or match[2] == "0":
         raise ValueError(

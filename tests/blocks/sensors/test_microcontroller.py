@@ -445,6 +445,7 @@ def test_a_documented_sketch_sends_packets_for_the_block_while_its_sensor_respon
     [
         ((), "fields must contain at least one field"),
         ((("force",),), "field 1 must be .name, type, unit, scale., where unit and scale are 1 by default"),
+        (((2, "int16"),), "field 1: the name must be text, got 2"),
         ((("2nd", "int16"),), "'2nd' cannot be the name of a port: it must be a Python identifier"),
         (
             (("force", "int12"),),
