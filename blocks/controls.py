@@ -174,7 +174,8 @@ def declared(block: Any, taken: dict[str, Output]) -> tuple[dict[str, int], tupl
         for entry in entries:
             if not is_row(entry) or len(entry) != (4 if kind == AXIS else 2):
                 raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} must be {what}, got {entry!r}")
-            name, code, low, high = (*entry, 0, 1)[:4]
+            values: tuple[Any, ...] = (*entry, 0, 1)[:4]
+            name, code, low, high = values
             check_port_names([*named, name], taken.keys() | block.parameters.keys() | set(dir(StreamDevice)))
             if code not in CODES and not isinstance(code, int):
                 raise ValueError(f"{name}: unknown code {code!r}. Use the number that evtest prints")
