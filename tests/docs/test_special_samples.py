@@ -51,6 +51,7 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
     ),
     "docs/how_to/notebooks.md": ("docs.test_special_samples.test_a_notebook_runs_a_file_in_real_time",),
     "docs/how_to/optimisation.md": ("docs.test_special_samples.test_the_optimisation_from_python_has_an_optimum",),
+    "docs/how_to/ros2.md": ("runtime.robot.loading.test_urdf.test_the_urdf_of_the_page_walks_in_rerun",),
     "docs/reference/emergency_stop.md": (
         "runtime.robot.rig.test_page.test_sender_of_the_page_reads_as_released_button",
         "docs.test_special_samples.test_the_signed_sender_of_the_page_is_accepted",

@@ -31,6 +31,7 @@ from runtime.host.ros2_node import named
 MASS, HEIGHT = 75.0, 1.75  # kg, m, of the wearer
 HIP_WIDTH = 0.18  # m, between the hips
 RADII = {"thigh": 0.07, "shank": 0.05, "foot": 0.035}  # m, of the drawn segments
+COLOUR = "0.56 0.64 0.72 1"  # red, green, blue and opacity of segments
 HOUSING = 0.1, 1e-4  # kg, kg·m², of what moves between two joints in one place
 JOINTS = {"abduction": "pelvis", "hip": "thigh", "knee": "shank", "ankle": "foot"}  # joint: the segment that it moves
 AXES = {"hip": (0, -1, 0), "knee": (0, 1, 0), "ankle": (0, -1, 0)}  # of flexion
@@ -159,6 +160,8 @@ def body(
     visual = ElementTree.SubElement(link, "visual")
     ElementTree.SubElement(visual, "origin", xyz=numbers(centre if place is None else place))
     ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape[0], shape[1])
+    material = ElementTree.SubElement(visual, "material", name="segment")
+    ElementTree.SubElement(material, "color", rgba=COLOUR)
 
 
 def inertial(link: ElementTree.Element, centre: tuple[float, ...], mass: float, inertia: tuple[float, ...]) -> None:

@@ -1,5 +1,7 @@
 """The URDF of the robots in diagrams/, read by the parsers of Rerun and MuJoCo."""
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from graph import Diagram, subsystem
 from runtime.host.errors import BadInput
 from runtime.robot.loading.draw import draw_file
 from runtime.robot.loading.urdf import urdf as made
+from tests.docs.test_special_samples import samples
 from tests.optional import Library
 from tests.runtime.runs import ROOT, knee, write
 
@@ -79,3 +82,22 @@ def test_two_actuators_of_one_joint_are_refused_and_two_sensors_of_one_segment_a
         CubeMars("AK80-9", name="knee", can_id=2)
     with pytest.raises(BadInput, match="left_knee and left/knee are one joint in a URDF"):
         made(diagram)
+
+
+def test_the_urdf_of_the_page_walks_in_rerun(tmp_path, monkeypatch):
+    [text] = samples("docs/how_to/ros2.md")
+    draw_file(ROOT / "diagrams" / "hip_knee_exo.py", output=str(tmp_path / "hip_knee_exo.urdf"))
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(text.replace("diagrams/", f"{ROOT}/diagrams/").replace("10.0", "2.0"), names)
+    half = {}  # angles of the quaternions in the file
+    for chunk in importlib.import_module("rerun.chunk").RrdReader("hip_knee_exo.rrd").stream():
+        if chunk.entity_path.startswith("/joints/"):
+            batch = chunk.to_record_batch()
+            [column] = [name for name in batch.schema.names if name.endswith(":quaternion")]
+            half.setdefault(chunk.entity_path.removeprefix("/joints/"), []).extend(batch[column].to_pylist())
+    assert {*half} == {"left_hip", "left_knee", "right_hip", "right_knee"}
+    for joint, rows in half.items():
+        angle = names["trial"][f"{joint.replace('_', '/')}.position"]
+        turn = np.array(rows)[:, 0, 1] * (1.0 if "knee" in joint else -1.0)
+        assert np.ptp(angle) > 0.5 and 2.0 * np.arcsin(turn) == pytest.approx(angle, abs=1e-5)
