@@ -7,9 +7,11 @@ import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo
 from graph import Diagram
+from runtime.host.errors import FAULT
 from runtime.robot.rig.file import parse
 from runtime.setup.commissioning.guided.bench import Bench, Given
 from runtime.setup.commissioning.guided.steps import STEPS
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, finished
 from tests.runtime.setup.commissioning.nodes import Mit, Node, Nodes, Servo
 
 pytestmark = pytest.mark.paced
@@ -97,3 +99,31 @@ def test_a_burst_of_error_frames_in_any_step_is_named():
             with Nodes(124, Bursts()):
                 result = STEP["state"].of(bench, block, Given(0.0))
             assert [name for name, _ in result.findings] == ["bus errors"], result
+
+
+class SwitchedUnderTorque(Switched):
+    """A drive that changes its protocol 0.3 s after it was first heard with a torque."""
+
+    def hear(self, identifier, extended, data):
+        if self.each is self.now and under_torque(extended, data):
+            self.since = min(self.since, time.monotonic() + 0.3)
+        return super().hear(identifier, extended, data)
+
+
+def under_torque(extended, data):
+    """Whether a frame commands a torque in MIT mode, or a current in servo mode."""
+    return any(data) if extended else data.hex().upper() not in (NOTHING, ENABLE, DISABLE)
+
+
+@pytest.mark.soak  # ten seconds of stop frames that nobody confirms
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("words, drives", [((), (Mit(3), Servo(3))), (("--servo",), (Servo(3, error=0), Mit(3)))])
+def test_a_drive_whose_protocol_is_switched_under_torque_ends_the_run_and_receives_the_stop(words, drives, tmp_path):
+    drive = SwitchedUnderTorque(*drives, after=60.0)
+    with Nodes(125, drive) as nodes:
+        words = "3", "--model", "AK80-9", *words, *nodes.words, "--torque", "0.6", "--duration", "20", "--yes"
+        process = finished("move", *words, "--no-record", cwd=tmp_path)
+    shown = process.stderr
+    assert process.returncode == FAULT and "no reply for longer than its" in shown, shown
+    assert "stop NOT confirmed" in shown and "its frames continue at a falling rate" in shown, shown
+    assert not any(under_torque(*frame) for _, *frame in drive.heard[-5:])
