@@ -22,7 +22,7 @@ ROBOT = '''
 import json, math, os
 from blocks.actuators import *
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
-from blocks.sensors import AS5600
+from blocks.sensors import AS5047, AS5600
 from graph import Block, Diagram, Input, Output, Param, subsystem
 
 DRIVES = {drives!r}
@@ -77,7 +77,7 @@ def build():
     with Diagram("bench", rate=200) as diagram:
         for name, (kind, model, can_id, faults, settings) in DRIVES.items():
             if "encoder" in faults:
-                AS5600("chips", name=name + "_encoder")
+                globals()[faults["encoder"][0]]("chips", name=name + "_encoder")
             block = globals()[kind](model, bus="legs", can_id=can_id, name=name, range=(-6.0, 6.0), **settings)
             block(**{{next(each for each in block.inputs if each in ("torque_command", "current_command")): 0.0}})
     return diagram
@@ -100,7 +100,7 @@ def plant(robot):
                     emulated = globals()["Emulated" + kind](model, bus="legs", can_id=drive.can_id, **faults)
                 else:
                     emulated = drive.emulator(**faults)
-            arm = Arm(noise=noise, slip=encoder or 0.0, name=moved)(emulated.torque)
+            arm = Arm(noise=noise, slip=encoder[1] if encoder else 0.0, name=moved)(emulated.torque)
             if encoder is not None:
                 robot[name + "_encoder"].emulator()(position=arm.encoder)
             emulated(position=arm.position, velocity=velocity * arm.velocity, **inputs)
@@ -108,7 +108,7 @@ def plant(robot):
 '''
 
 
-CHIPS = '[bus.chips]\ninterface = "i2c"\nchannel = "unix:{}/chips"\n'
+CHIPS = '[bus.chips]\ninterface = "{}"\nchannel = "unix:/tmp/chips{}"\n'  # the path of a socket is short
 
 
 class ErrorFrames(Node):
@@ -135,7 +135,11 @@ class Benched:
         self.rig = write(
             folder,
             f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n'
-            + CHIPS.format(folder) * any("encoder" in drive[3] for drive in drives.values()),
+            + "".join(
+                CHIPS.format({"AS5600": "i2c", "AS5047": "spi"}[faults["encoder"][0]], os.getpid())
+                for _, _, _, faults, _ in drives.values()
+                if "encoder" in faults
+            ),
             "lab.toml",
         )
         self.hand = {name: {"hold": 0.0} for name in drives}

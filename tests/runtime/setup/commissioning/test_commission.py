@@ -124,9 +124,10 @@ def test_a_supply_that_sags_under_5_percent_of_the_rated_torque_is_named(tmp_pat
 
 
 @pytest.mark.soak
+@pytest.mark.parametrize("chip", ["AS5600", "AS5047"])
 @pytest.mark.parametrize("slip, offset, finding", [(0.0, 0.0, None), (0.1, 0.0, "slip"), (0.0, 0.4, "zero")])
-def test_a_joint_is_compared_with_its_encoder(tmp_path, slip, offset, finding):
-    drives = {"knee": ("CubeMars", "AK80-9", 3, {"encoder": slip, "offset": offset}, {})}
+def test_a_joint_is_compared_with_its_encoder(tmp_path, slip, offset, finding, chip):
+    drives = {"knee": ("CubeMars", "AK80-9", 3, {"encoder": (chip, slip), "offset": offset}, {})}
     with Benched(tmp_path, 126, drives) as bench:
         code, shown = bench.commission("--only", "identity", "pose")
         step = bench.records()["knee"].steps["pose"]
