@@ -105,18 +105,20 @@ class ChildProcess:
             self._child.wait(timeout)
         self._child.wait(0.0)
 
+    def end(self, timeout: float = 0.0) -> None:
+        """Close both pipes, and kill the process unless it ends within `timeout` s."""
+        self._close_answers()
+        with suppress(OSError):  # of an order that it has not read
+            self._orders.close()
+        with suppress(subprocess.TimeoutExpired):
+            self.wait(timeout)
+        self._child.kill()
+        self._child.wait()
+
     def _close_answers(self) -> None:
         """Close the pipe for answers, unless its descriptor was closed or belongs to another file now."""
         if self._may_answer:
             os.close(self._answers)
-
-    def _kill(self) -> None:
-        """Kill the process, if it still runs, and close both pipes."""
-        self._close_answers()
-        with suppress(OSError):  # of an order that it has not read
-            self._orders.close()
-        self._child.kill()
-        self._child.wait()
 
     def _threads(self) -> Iterable[int]:
         return map(int, os.listdir(f"/proc/{self.pid}/task"))

@@ -10,7 +10,6 @@ import json
 import os
 import select
 import socket
-import subprocess
 import time
 from contextlib import suppress
 from typing import Any
@@ -68,18 +67,6 @@ class OptimiserProcess(ChildProcess):
         """Begin the optimisation once the robot runs. path : path of the state file"""
         with suppress(BrokenPipeError):  # the recorder reports it
             self._send(path.encode() + b"\n")
-
-    def end(self, timeout: float = 0.0) -> None:
-        """Wait until the process has ended, and kill it after `timeout` s. A second call has no effect."""
-        if self._orders.closed:
-            return
-        with suppress(OSError):
-            self._orders.close()
-        with suppress(subprocess.TimeoutExpired):
-            self.wait(timeout)
-        self._child.kill()
-        self._child.wait()
-        os.close(self._answers)
 
 
 def main(answers: int, control: int, shared: int, channel: int) -> None:

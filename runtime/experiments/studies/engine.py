@@ -140,10 +140,6 @@ class Worker(ChildProcess):
         """Return the row of the trial; None if the process has ended."""
         return self._answer(ROW_TIMEOUT)
 
-    def end(self) -> None:
-        """Kill the process."""
-        self._kill()
-
     def _order(self, order):
         with suppress(BrokenPipeError):  # `row` reports it
             self._send(json.dumps(order).encode() + b"\n")

@@ -221,4 +221,4 @@ class Carrier(ChildProcess):
 
     def close(self) -> None:
         """End the process and wait for it."""
-        self._kill()
+        self.end()

@@ -51,7 +51,7 @@ class Receiver(ChildProcess):
 
     def close(self) -> None:
         """End the process."""
-        self._kill()
+        self.end()
 
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:

@@ -35,7 +35,7 @@ class Verifier(ChildProcess):
 
     def close(self) -> None:
         """End the process."""
-        self._kill()
+        self.end()
 
 
 def main(answers: int, control: int, received: int, passed: int) -> None:

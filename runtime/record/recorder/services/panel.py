@@ -53,17 +53,6 @@ class PanelProcess(ChildProcess):
             raise PanelError("its process died")
         return answer
 
-    def end(self, timeout: float) -> None:
-        """Wait for its end, and kill it after `timeout` s."""
-        self._close_answers()
-        with suppress(OSError):
-            self._orders.close()
-        with suppress(Exception):
-            self.wait(timeout)
-        if self._child.poll() is None:
-            self._child.kill()
-        self._child.wait()
-
 
 class PanelService(Service):
     """Serves blocks.sinks.Panel."""

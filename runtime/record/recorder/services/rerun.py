@@ -53,10 +53,6 @@ class Feeder(ChildProcess):
             return None
         return {"gone": "its process died"} if answer is None else answer
 
-    def end(self) -> None:
-        """Kill the process, if it still runs."""
-        self._kill()
-
 
 class RerunSender(Service):
     """Serves blocks.sinks.Rerun."""

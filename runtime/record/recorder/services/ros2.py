@@ -46,10 +46,6 @@ class Bridge(ChildProcess):
         """Whether it has ended."""
         return self._child.poll() is not None
 
-    def end(self) -> None:
-        """Kill the process, if it still runs."""
-        self._kill()
-
 
 class Ros2Service(Service):
     """Serves blocks.sinks.Ros2."""
