@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from math import isfinite
 from numbers import Real
 from typing import Any
 
@@ -90,8 +91,8 @@ class StateMachine(Block):
             name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
         }
         for name, held in self.holds.items():
-            if not (is_row(held) and len(held) == 2 and isinstance(held[1], Real)):
-                raise ValueError(f"holds: {name} must be (unit, value at the start), got {held!r}")
+            if not (is_row(held) and len(held) == 2 and isinstance(held[1], Real) and isfinite(held[1])):
+                raise ValueError(f"holds: {name} must be (unit, finite value at the start), got {held!r}")
         kept = {
             name: Output(unit, f"value of {name} that an action has set").named(name)
             for name, (unit, _) in self.holds.items()
@@ -220,10 +221,12 @@ def flatten(states: dict[str, Any], gives: Iterable[str]) -> list[State]:
             if not isinstance(name, str) or name in names:
                 problem = "there are two states" if name in names else "the name of a state must be text, got"
                 raise ValueError(f"{problem} {name!r}: each needs a name of its own, in any state")
+            if name != name.strip() or not name.isprintable() or not name:
+                raise ValueError(f"the name of a state must be printable and not begin or end with a space: {name!r}")
             names.add(name)
             for key, value in content.items():
-                if key not in INSIDE and not isinstance(value, Real):
-                    raise ValueError(f"state {name!r}: {key} must be a number, got {value!r}")
+                if key not in INSIDE and not (isinstance(value, Real) and isfinite(value)):
+                    raise ValueError(f"state {name!r}: {key} must be a finite number, got {value!r}")
             own = values | {key: value for key, value in content.items() if key not in INSIDE}
             place, inside = len(found), content.get("states", {})
             added.append(place)
