@@ -120,7 +120,7 @@ class PID(_Controller):
 
     feedthrough = ("reference", "measurement", "manual", "manual_command")
     kernel = kernels.pid
-    update_kernel = kernels.pid_next
+    update_kernel = kernels.tracking
 
     def configure(self) -> None:
         super().configure()
@@ -151,11 +151,11 @@ class PI(PID):
     NaN passes, infinity becomes NaN; neither is stored.
     """
 
-    kd = filter_time = c = follower = None  # no derivative
+    filter_time = c = follower = None
+    kd = Memory(0.0, "no derivative")
     tracking_time = Param(None, "s", "time constant of the back-calculation; default Ti = kp / ki", above=0.0)
 
     kernel = kernels.pi
-    update_kernel = kernels.pi_next
 
     def prepare(self, dt: float) -> None:
         self.integral, self.spoiled = [0.0] * self.width, [0.0] * self.width

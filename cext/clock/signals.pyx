@@ -1,21 +1,28 @@
 # cython: freethreading_compatible=True
 """Signals that end a run. Python's handlers run only after the loop, so these handlers set a flag for the loop."""
 
+from libc.stdint cimport int64_t
 from libc.string cimport memset
 
+from cext.clock.deadline_clock cimport monotonic
 from cext.posix cimport (
     SIG_SETMASK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, pthread_sigmask, sigaction, sigaddset,
     sigemptyset,
 )
 
+cdef int64_t RESPONSE_LIMIT = 1_000_000_000      # ns in which the loop responds to a signal
 cdef int32_t first = 0                   # global, for the signal handler
+cdef int64_t since = 0                   # ns of CLOCK_MONOTONIC of the first
+cdef ignored_t ignored = NULL
 cdef int[ENDING] SIGNALS = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1]
 
 
 cdef void on_signal(int number) noexcept nogil:
-    global first
+    global first, since
     if first == 0:
-        first = number
+        since, first = monotonic(), number
+    elif ignored != NULL and monotonic() - since > RESPONSE_LIMIT:
+        ignored()
 
 
 cdef void unblock(sigset_t *before) noexcept nogil:
@@ -39,10 +46,10 @@ cdef class Signals:
         self.caught = &first if handled else &self.never
 
     cdef void take(self):
-        global first
+        global first, ignored
         if not self.handled:
             return
-        first = 0
+        first, ignored = 0, self.ignored
         self.install(self.before, &self.mask)
 
     cdef void install(self, action *before, sigset_t *mask) noexcept nogil:

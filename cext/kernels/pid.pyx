@@ -136,16 +136,6 @@ cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept 
     return OK
 
 
-cdef int pi_update(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept nogil:
-    cdef Gains gains
-    cdef int i
-    gains.kp, gains.ki, gains.kd, gains.tracking_time = arena[at.kp], arena[at.ki], 0.0, arena[at.tracking_time]
-    for i in range(sizes.command):
-        track(&gains, arena[at.applied + i], arena[at.command + i], arena[DT], arena + at.integral + i,
-              arena + at.spoiled + i)
-    return OK
-
-
 cdef struct PidLaw:
     int32_t reference, measurement, manual, manual_command, applied, command, kp, ki, kd, filter_time, b, c, lower
     int32_t upper, tracking_time, clamps, integral, follower, spoiled
@@ -171,7 +161,13 @@ cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexce
     return OK
 
 
-cdef int pid_update(double *arena, const PidLaw *at, const PidLaw *sizes) noexcept nogil:
+cdef struct Tracking:
+    int32_t applied, command, kp, ki, kd, tracking_time, integral, spoiled
+
+TRACKING = items((<Tracking *>ITEMS)[0], "applied[...] command[...] integral[...] spoiled[...]")
+
+
+cdef int tracking_kernel(double *arena, const Tracking *at, const Tracking *sizes) noexcept nogil:
     cdef Gains gains
     cdef int i
     gains.kp, gains.ki, gains.kd, gains.tracking_time = arena[at.kp], arena[at.ki], arena[at.kd], arena[at.tracking_time]
@@ -184,6 +180,5 @@ cdef int pid_update(double *arena, const PidLaw *at, const PidLaw *sizes) noexce
 p = export(<kernel_t>p_kernel, P_LAW)
 pd = export(<kernel_t>pd_kernel, PD_LAW)
 pi = export(<kernel_t>pi_kernel, PI_LAW)
-pi_next = export(<kernel_t>pi_update, PI_LAW)
 pid = export(<kernel_t>pid_kernel, PID_LAW)
-pid_next = export(<kernel_t>pid_update, PID_LAW)
+tracking = export(<kernel_t>tracking_kernel, TRACKING)

@@ -119,6 +119,8 @@ cdef class I2cBus:
     cdef int32_t leave
     cdef int32_t bell
     cdef int priority
+    cdef bytes thread_name
+    cdef const char *called     # the text of `thread_name`
     cdef readonly str name
     cdef readonly BusEnd end
     cdef int lay_out(self) except -1

@@ -113,6 +113,7 @@ cdef class I2cBus:
 
     adapter : I2cAdapter
     name : name of the bus, for messages
+    kind : of the bus, for the name of the thread
 
     end : the BusEnd
     """
@@ -127,8 +128,10 @@ cdef class I2cBus:
         self.end.bus.context = self.inbox
         self.end.owner = self
 
-    def __init__(self, I2cAdapter adapter, str name=""):
+    def __init__(self, I2cAdapter adapter, str name="", str kind="i2c"):
         self.adapter, self.name, self.tables, self.open = adapter, name, [], -1
+        self.thread_name = f"tickwork-{kind}".encode()
+        self.called = self.thread_name
 
     def __dealloc__(self):
         self.stop()
@@ -290,7 +293,7 @@ cdef class I2cBus:
 
     cdef void serve(self) noexcept nogil:
         cdef int64_t due
-        be_called("tickwork-i2c", self.priority)
+        be_called(self.called, self.priority)
         while not load_i32(&self.leave):
             due = self.run_due(monotonic())
             doze(&self.bell, due)

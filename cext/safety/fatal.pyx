@@ -1,13 +1,16 @@
 # cython: freethreading_compatible=True
-"""Fatal signals of the process itself: SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT.
+"""Ends of the process in the middle of a run: SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, exit().
 
 A process that writes a core dump takes time to end, while its motors would continue. The handler therefore first raises
 the fence and reports the signal and the block to the guardian and the recorder in the shared state. Then the signal
-takes its previous action, on a separate stack, since the thread's own stack may be exhausted.
+takes its previous action, on a separate stack, since the thread's own stack may be exhausted. A library that calls
+exit() ends the process as a fault, whatever status it passes.
 """
 
 from libc.stdint cimport int32_t
-from libc.string cimport memset
+from libc.stdlib cimport atexit
+from libc.string cimport memset, strchr, strlen
+from posix.unistd cimport _exit, write
 
 from cext.fused.locate cimport IN_RUN, CodeMap, item_of_context
 from cext.safety.forks cimport is_child
@@ -20,6 +23,7 @@ from cext.posix cimport (
 cdef enum:
     FATAL = 5
     STACK = 65536                           # bytes
+    EXIT_CODE = 3                           # of a run that ends in a fault
 
 cdef int[FATAL] SIGNALS = [SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT]
 cdef action[FATAL] before                   # until `take_fatal`
@@ -28,6 +32,38 @@ cdef char[STACK] room
 cdef SharedLayout *shared = NULL            # global, for the signal handler
 cdef pthread_t loop = 0
 cdef const CodeMap *code = NULL
+cdef const int32_t *at = NULL               # present item of the stopwatch; NULL outside a run
+cdef bytes lines = b""                      # names of the items
+cdef const char *names = NULL               # the text of `lines`
+
+
+cdef void leave(const char *what, const char *where) noexcept nogil:
+    """End the process as a fault, and print the block of the present step."""
+    cdef const char *name = names
+    cdef int item = at[0] & ~IN_RUN if at[0] >= 0 and pthread_self() == loop else -1
+    if shared != NULL:
+        store_i32(&shared.fence, FENCED_FOR_GOOD)
+        store_i32(&shared.hung, 1 + item if item >= 0 else -1)
+    write(2, what, strlen(what))
+    if item >= 0:
+        while item > 0:
+            name = strchr(name, 10) + 1     # of the next line
+            item -= 1
+        write(2, where, strlen(where))
+        write(2, name, strchr(name, 10) - name)
+    write(2, b"\n", 1)
+    _exit(EXIT_CODE)
+
+
+cdef void on_exit() noexcept nogil:
+    if at != NULL and not is_child():
+        leave(b"tickwork: a library called exit()", b" in ")
+
+
+cdef void end_hung() noexcept nogil:
+    """End the process if a step of the loop executes: for a signal after one that the loop has not responded to."""
+    if at != NULL and at[0] >= 0 and not is_child():
+        leave(b"tickwork: the process was ended by a second signal: the run hangs", b" in ")
 
 
 cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept nogil:
@@ -47,16 +83,23 @@ cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept n
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef void take_fatal(SharedLayout *layout, const CodeMap *map) noexcept nogil:
-    """Raise the fence and report the signal on fatal signals from now on. The calling thread is the loop's.
+cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *present, items) except -1:
+    """Raise the fence and report the end on fatal signals and exit() from now on. The calling thread is the loop's.
 
+    layout : NULL without shared state, and so without reports of signals
     map : steps of the machine code, or NULL
+    present : item of the stopwatch that the loop executes, below 0: none
+    items : names of the items
     """
-    global shared, loop, code
+    global shared, loop, code, at, lines, names
     cdef action install
     cdef stack_t own
     cdef int index
-    shared, loop, code = layout, pthread_self(), map
+    lines = "\n".join([*items, ""]).encode()
+    names = lines
+    shared, loop, code, at = layout, pthread_self(), map, present
+    if layout == NULL:
+        return 0
     memset(&own, 0, sizeof(stack_t))
     own.ss_sp, own.ss_size = room, STACK
     sigaltstack(&own, &stack_before)
@@ -65,15 +108,20 @@ cdef void take_fatal(SharedLayout *layout, const CodeMap *map) noexcept nogil:
     install.sa_flags = SA_ONSTACK | SA_SIGINFO
     for index in range(FATAL):
         sigaction(SIGNALS[index], &install, &before[index])
+    return 0
 
 
 cdef void give_back_fatal() noexcept nogil:
     """Restore the state before `take_fatal`. A second call does nothing."""
-    global shared, code
+    global shared, code, at
     cdef int index
+    at = NULL
     if shared == NULL:
         return
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
     sigaltstack(&stack_before, NULL)
     shared, code = NULL, NULL
+
+
+atexit(on_exit)

@@ -26,7 +26,7 @@ from cext.abi cimport AUTHORITY, OK
 from cext.status cimport NO_ANSWER, OVERRUN, UNGUARDED
 from cext.atomics cimport store_i32_relaxed
 from cext.safety.forks cimport begin_run
-from cext.safety.fatal cimport give_back_fatal, take_fatal
+from cext.safety.fatal cimport end_hung, give_back_fatal, take_fatal
 from cext.schedule.publisher cimport Publisher
 from cext.schedule.live cimport STOP_WANTED
 from cext.clock.overrun cimport Overrun
@@ -42,6 +42,7 @@ from cext.schedule.tick cimport TickBody
 from cext.schedule.lifecycle cimport ENDED, Waiting
 from cext.schedule.watchdog cimport Watchdog
 
+from cext.clock.stopwatch import names
 from cext.schedule.outcome import name_of
 
 
@@ -108,6 +109,8 @@ cdef class Executor(Waiting):
         self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, guard > 0.0 and not virtual,
             others)
         self.body.handover = self.watchdog.handover
+        if self.body.handover == NULL:                               # else the watchdog ends a step that hangs
+            self.signals.ignored = end_hung
         self.control, self.plant, self.layout, self.virtual = control, plant, self.publisher.layout, virtual
         self.simulated = plant is not None or control.devices.table.count == 0 if replay is None else replay.simulated
         if waits and (plant is None or guard > 0.0):
@@ -242,8 +245,7 @@ cdef class Executor(Waiting):
 
     cdef int begin_watch(self) except -1:
         self.watchdog.start()
-        if self.layout != NULL:
-            take_fatal(self.layout, self.control.code_map())
+        take_fatal(self.layout, self.control.code_map(), self.control.at, names(self.control.schedule))
         # else a signal that Python has caught would wait for the end of the run
         PyErr_CheckSignals()
         return 0
@@ -429,6 +431,7 @@ cdef class Executor(Waiting):
 
     cdef void stop(self, double timeout) noexcept nogil:
         """Perform the safe stop at the end of a run."""
+        store_i32_relaxed(self.control.at, -1)
         self.halt(timeout)
         self.control.live.dismiss(self.layout)
         self.publisher.set_state(SAFE)

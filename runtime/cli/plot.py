@@ -12,7 +12,7 @@ from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.host.console.progress import Progress
 from runtime.host.console.terminal import print_lines
-from runtime.host.errors import OK, BadInput
+from runtime.host.errors import OK, BadInput, UnknownName
 from runtime.record.analysis import pictures
 from runtime.record.storage.parts import newest
 
@@ -87,9 +87,8 @@ def main(arguments: Sequence[str]) -> int:
                 progress(0.5 + 0.5 * (number + 1) / len(drawn))
                 progress.terminal.erase()
                 print_lines([path])
-        except KeyError as error:
-            neither = "has no signal" in error.args[0] and ": " not in error.args[0]
-            raise BadInput(error.args[0] + ", nor is there such a recording" * neither) from None
+        except UnknownName as error:
+            raise BadInput(error.args[0] + ", nor is there such a recording" * (not error.hint)) from None
     return OK
 
 

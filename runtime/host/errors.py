@@ -22,7 +22,11 @@ class ShownInCell(Exception):
 
 
 class UnknownName(ShownInCell, KeyError):
-    """A signal or parameter that a recording or a run does not have."""
+    """A signal or parameter that a recording or a run does not have. hint : what to do instead, if known"""
+
+    def __init__(self, text: str, hint: str = "") -> None:
+        super().__init__(f"{text}: {hint}" if hint else text)
+        self.hint = hint
 
 
 class BadInput(ShownInCell):

@@ -116,9 +116,7 @@ class ConnectedRobot:
                 return parameter.plain(value)
         known = [*self._columns, *(parameter.path for parameter in self._table.parameters)]
         hint = suggestion(path, known)
-        raise UnknownName(
-            f"{self._table.name} records no signal {path!r} and has no such live parameter" + (f": {hint}" * bool(hint))
-        )
+        raise UnknownName(f"{self._table.name} records no signal {path!r} and has no such live parameter", hint)
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Change a live parameter: `set` of one."""

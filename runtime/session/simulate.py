@@ -224,7 +224,7 @@ class SimulatedRun:
             return getattr(self._robot[block], name)
         parameters = [f"{block.path}.{name}" for block in self._robot for name in block.parameters]
         hint = suggestion(path, [*self._schedule.signals, *of_plant, *parameters])
-        raise UnknownName(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
+        raise UnknownName(f"{self._schedule.name} has no signal or parameter {path!r}", hint)
 
     def newest(self, columns: Sequence[int], ticks: int) -> np.ndarray:
         """Return recorded signals of the newest ticks, an array (ticks, columns).

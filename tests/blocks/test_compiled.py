@@ -19,7 +19,7 @@ from tests.blocks.running import run
 from tests.checkout import ROOT, RUN, python
 from tests.graph.complaints import refusal
 from tests.runtime.robot.guardian.bus import Bus
-from tests.runtime.runs import write
+from tests.runtime.runs import started, write
 from tests.soaking import soaked
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -32,6 +32,8 @@ PORTS = {"takes": {"angle": "rad", "velocity": "rad/s"}, "gives": {"torque": ("N
 MODES = """
 #include <math.h>
 #include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include "tickwork.h"
 static volatile int nothing;
 static int starts;
@@ -44,7 +46,8 @@ int tickwork_step(const double *in, double *out, double dt) {
     if (mode == 5) return 3;
     if (mode == 6) nothing = mode / nothing;
     if (mode == 7) *(volatile int *)0 = 1;
-    while (mode == 8) ;
+    if (mode == 8) for (puts("hanging"), fflush(stdout);;) ;
+    if (mode == 9) exit(0);
     return 0;
 }
 """
@@ -250,8 +253,8 @@ def test_a_range_proves_the_command_and_a_replay_has_the_same_bits(tmp_path):
 
 @pytest.mark.paced
 @pytest.mark.hazard("H8c")
-@pytest.mark.parametrize("mode", soaked([6, 7, 8], but=[0, 2]))
-def test_the_motors_stop_and_the_report_names_the_block_if_its_library_crashes_or_hangs(tmp_path, modes, mode):
+@pytest.mark.parametrize("mode", soaked([6, 7, 8, 9], but=[0, 2, 3]))
+def test_the_motors_stop_and_the_report_names_the_block_if_its_library_crashes_hangs_or_exits(tmp_path, modes, mode):
     takes, gives = {"a": "N·m", "b": "N·m", "mode": "1"}, {"x": "N·m", "y": "N·m", "starts": "1"}
     more = f"""with subsystem("model"):
             late = Switch()(law.late, {mode}.0, 0.0)
@@ -269,8 +272,41 @@ def test_the_motors_stop_and_the_report_names_the_block_if_its_library_crashes_o
         _, err = process.communicate(timeout=10)
     if mode == 8:
         assert "tickwork guardian: model/controller hangs: " in err and process.returncode == 3
+    elif mode == 9:
+        assert "tickwork: a library called exit() in model/controller\n" in err and process.returncode == 3
     else:
         number = signal.SIGFPE if mode == 6 else signal.SIGSEGV
         assert f"the control process died of {number.name} in model/controller after tick " in err
         assert process.returncode == -number
     assert "zero torque, then disable: confirmed by left/knee, right/knee" in err
+
+
+SIMULATED = """
+from blocks.compiled import Compiled
+from graph import Diagram
+
+with Diagram("simulated", rate=200) as diagram:
+    ports = dict(takes=dict(a="1", b="1", mode="1"), gives=dict(x="1", y="1", n="1"))
+    Compiled({file!r}, name="law", **ports)(0.0, 0.0, {mode}.0)
+"""
+
+
+def test_a_library_that_exits_ends_a_simulation_as_a_fault_that_names_its_block(tmp_path, modes):
+    robot = write(tmp_path, SIMULATED.format(mode=9, file=modes))
+    made = python(*RUN, robot, "--fast", "--duration", "1", cwd=tmp_path)
+    assert made.returncode == 3 and made.stderr.endswith("tickwork: a library called exit() in law\n")
+
+
+@pytest.mark.paced
+def test_a_second_ctrl_c_ends_a_simulation_whose_library_hangs(tmp_path, modes):
+    robot = write(tmp_path, SIMULATED.format(mode=8, file=modes))
+    with started(robot, "--fast", "--duration", "1", cwd=tmp_path) as process:
+        assert process.stdout.readline() == "hanging\n"
+        for _ in range(2):  # at once: the run has had no time to respond
+            process.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(1.1)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=5)
+    assert process.returncode == 3
+    assert err.endswith("tickwork: the process was ended by a second signal: the run hangs in law\n")

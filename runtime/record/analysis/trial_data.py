@@ -414,7 +414,7 @@ class TrialData:
                 hint = f"it is a block with the signals {', '.join(of_block)}"
             elif path in ("t", "time", "tick"):
                 hint = f"it is the attribute {'tick' if path == 'tick' else 'time'} of the trial"
-            raise UnknownName(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
+            raise UnknownName(f"{self.path.name} has no signal {path!r}", hint)
         last = np.array([[int(number) for number in re.findall(r"\d+", text)] for text in indices.values()]).max(axis=0)
         return list(indices), tuple(int(number) + 1 for number in last)
 

@@ -207,7 +207,7 @@ def cause_of_death(shared: SharedState, items: list[str]) -> str:
         "safe": "after the safe stop",
     }
     when = where.get(shared.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
-    return f"{block}{when} without ending the run: it was killed, or a block called os._exit or exec"
+    return f"{block}{when} without ending the run: it was killed, or a block called exit, os._exit or exec"
 
 
 def orphan_line(report: dict[str, Any], cause: str) -> str:

@@ -41,7 +41,7 @@ class SpiInterface(I2cInterface):
         self.remarks = [f"[bus.{bus.name}] is {EMULATED_TEXT}"] if bus.channel.startswith(EMULATED) else []
         problems = []
         adapter = opened or open_adapter(bus, devices)
-        self.wires = I2cBus(adapter, bus.name)
+        self.wires = I2cBus(adapter, bus.name, "spi")
         for device in sorted(devices, key=lambda device: device.address):
             problems += _problems(bus, device, adapter)
             self.wires.add(

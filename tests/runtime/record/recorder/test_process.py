@@ -170,8 +170,8 @@ def test_after_kill_9_of_the_control_process_every_completed_tick_is_on_disk_and
     said = control.process.stderr.read()
     control.process.stderr.close()
     how = (
-        f"after tick {statistics['last_tick']} without ending the run: it was killed, or a block called os._exit "
-        "or exec"
+        f"after tick {statistics['last_tick']} without ending the run: it was killed, or a block called exit, "
+        "os._exit or exec"
     )
     assert said.splitlines() == [
         f"tickwork recorder: the control process died {how}; {len(ticks)} ticks were recorded, the last is "

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import time
 from argparse import Namespace
 from pathlib import Path
 
@@ -101,12 +102,18 @@ def test_two_chips_at_one_chip_select_are_refused_and_the_load_is_computed():
         compile(robot)
 
 
-def test_a_chip_without_a_valid_reply_is_refused_before_the_run(tmp_path, monkeypatch):
+def test_a_chip_without_a_valid_reply_is_refused_and_the_thread_of_a_bus_has_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Diagram("robot", rate=200):
         knee, hip = AS5047(name="knee"), AS5048A(name="hip", chip_select=1)
     server = SpiServer(Path("chips"), [(knee, knee.emulator())])
     try:
+        wires = SpiInterface(RigBus("joints", "spi", "unix:chips"), []).wires
+        wires.start()
+        until = time.monotonic() + 5.0  # of the new thread, which names itself
+        while "tickwork-spi\n" not in (names := [task.read_text() for task in Path("/proc/self/task").glob("*/comm")]):
+            assert time.monotonic() < until, names
+        wires.stop()
         answer = b"".join(with_parity(word).to_bytes(2, "big") for word in (0, 0x1234, 0x180))
         server.chips[0, 0].answers[0] = 1e12, answer
         with pytest.raises(SeveralRefused) as refused:
