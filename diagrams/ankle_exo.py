@@ -14,6 +14,9 @@ As published: the profile of Zhang et al. 2017, at the mean of the values that w
 differs: the drives are those of Leestma et al. behind a transmission of 3 : 1, where the two papers have cables to
 off-board motors. The torque is at most half of the estimated biological torque, fades with the load on the insole, and
 is limited to what the drive can repeat in every stride: 50 N·m, or 30 N·m with a CyberGear on either leg.
+
+An ankle that turns faster than 16.6 rad/s, or 9.9 rad/s with a CyberGear, ends the run: in simulations of 41 adults at
+1.2 m/s none, or three, and at 1.6 m/s one, or eight. A CyberGear is for slower walking.
 """
 
 from blocks.gait import BiologicalTorque, PeakProfile

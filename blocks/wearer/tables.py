@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ STANDING_KNEE = np.radians(2.0)
 STANDING_CENTRE = 0.25 + 0.05 / 0.26  # foot lengths from the heel
 STANDING_ANKLE_MOMENT = -0.5 * GRAVITY * 0.05  # N·m/kg of one ankle
 SLOWER = (1.0 / 3.0, 2.0 / 3.0)  # of the slowest measured speed, where the walk is scaled towards standing
+GRIP = 0.6 * GRAVITY  # m/s²: the friction of a sole in cext/kernels/wearer/walker.pyx accelerates the body by no more
 
 
 def row(entry: dict[str, Any]) -> np.ndarray:
@@ -167,6 +169,15 @@ def schedule(speed: Any, fastest: float) -> np.ndarray:
     a, b, step = slopes[:-1] * h, slopes[1:] * h, np.diff(speeds)
     zero = np.zeros_like(h)
     unit = [speeds[:-1], a, zero, 10 * step - 6 * a - 4 * b, -15 * step + 8 * a + 7 * b, 6 * step - 3 * (a + b)]
+    x = np.linspace(0.0, 1.0, 201)[:, None]
+    rates = np.abs(sum(k * c * x ** (k - 1) for k, c in enumerate(unit) if k)).max(axis=0) / h
+    k = int(rates.argmax())
+    if rates[k] > GRIP:
+        raise ValueError(
+            f"the speed changes from {speeds[k]:g} to {speeds[k + 1]:g} m/s in {h[k]:.2g} s, an acceleration of up to "
+            f"{rates[k]:.2g} m/s²: the friction of a foot allows {GRIP:.1f} m/s². Allow at least "
+            f"{math.ceil(1e2 * h[k] * rates[k] / GRIP) / 1e2:.2f} s"
+        )
     return np.column_stack([times[:-1], times[1:], *(c / h**k for k, c in enumerate(unit))])
 
 

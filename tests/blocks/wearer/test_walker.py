@@ -192,6 +192,7 @@ def test_assistance_that_is_not_finite_reaches_the_outputs(value):
         ({"speed": "0:0 0:1"}, "the times of `speed` must increase"),
         ({"speed": 3.0}, r"the speed must be from 0 to 1.96 m/s for this body and motion: got 3.0"),
         ({"speed": math.nan}, "the speed must be"),
+        ({"speed": "0:0 1:0 1.3:1.6"}, r"from 0 to 1.6 m/s in 0.3 s, .* up to 10 m/s²: .* Allow at least 0.51 s"),
         ({"motion": "run"}, "must be one of walk"),
     ],
 )
