@@ -37,6 +37,7 @@ from runtime.host.live.running import shared_state_of
 from runtime.host.options import pairs_of
 from runtime.host.suggestions import unknown_option
 from runtime.record.analysis.trial import Trial
+from runtime.record.report.preflight.text import ASK, ASK_AGAIN
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
 ROOT = str(Path(__file__).parents[2])
 ROWS, COLUMNS = 24, 120  # of the pseudo terminal
 POLL_PERIOD = 0.05  # s
-PREFLIGHT_DELAY = 0.2  # s, after which the recorder has printed the pre-flight table
 END_TIMEOUT = 2.0  # s for a run to end on request; its stop alone may take as long as its damping
 ANSWER_TIMEOUT = 1.0  # s for the run to take a confirmation
 STATUS_PERIOD = 1.0  # s, of the status line
@@ -123,7 +123,7 @@ class RunProcess:
     """
 
     def __init__(self, arguments: list[str], asks: bool) -> None:
-        self.asks, self.interrupts = asks, 0
+        self.asks, self.asked, self.interrupts = asks, False, 0
         self.shared: SharedState | None = None
         self.lines: list[str] | None = []  # that were not printed yet: an error, if nothing follows; None: print
         self.unfinished, self.report = "", b""
@@ -213,9 +213,9 @@ class RunProcess:
         try:
             while not done(over := self.look(POLL_PERIOD)):
                 if self.asks and self._state() == "ready":
-                    self.look(PREFLIGHT_DELAY)
                     self._show()
-                    self._confirm()
+                    if self.asked:  # the recorder has printed the pre-flight table
+                        self._confirm()
         except BaseException as error:
             self._stop()
             self._release()
@@ -265,6 +265,7 @@ class RunProcess:
         return True
 
     def _take_line(self, line: str) -> None:
+        self.asked |= line in (ASK, ASK_AGAIN)
         if self.lines is not None:
             self.lines.append(line)
         else:
@@ -293,7 +294,7 @@ class RunProcess:
     def _confirm(self) -> None:
         """Ask whether the robot may be armed, and pass the answer on. Raises BadInput where input() cannot ask."""
         assert self.shared is not None
-        question = self.shared.question
+        question, self.asked = self.shared.question, False
         discard_typed()
         try:
             ends = input(PROMPT).strip().lower().startswith("q")
