@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from blocks._plumbing.paths import path_beside
-from blocks._plumbing.ports import check_port_names
+from blocks._plumbing.ports import check_port_names, unit_and_limits
 from cext.kernels import compiled as kernels
 from graph import Block, Input, Memory, Output, Param, units
 from graph.declarations import Port
-from graph.narrowing import is_row
 
 
 class Compiled(Block):
@@ -95,11 +93,8 @@ class Compiled(Block):
 
 def output(name: str, stated: Any) -> Output:
     """Return the Output of an entry of `gives`. Raises ValueError."""
-    unit, *limits = stated if is_row(stated) and stated else (stated,)
-    numbers = all(isinstance(limit, Real) for limit in limits)
-    if not isinstance(unit, str) or limits and not (len(limits) == 2 and numbers and limits[0] <= limits[1]):
-        raise ValueError(f"gives: {name} must be a unit, or (unit, lowest, highest value), got {stated!r}")
-    port = Output(unit, "output of the controller", range=(limits[0], limits[1]) if limits else None)
+    unit, limits = unit_and_limits(name, stated)
+    port = Output(unit, "output of the controller", range=limits)
     return port.named(name)
 
 

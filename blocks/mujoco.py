@@ -5,15 +5,15 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
-import keyword
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blocks._plumbing.paths import path_beside
+from blocks._plumbing.ports import port_name
 from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
 from graph import Block, Input, Memory, Output, Param
 
@@ -174,7 +174,7 @@ class MujocoBody(Block):
 class Ports:
     """Ports of a model: {name: (port, address of its first number)}, as `inputs` and `outputs`."""
 
-    def __init__(self, mujoco: Any, model: Any, data: Any, reserved: Container[str]) -> None:
+    def __init__(self, mujoco: Any, model: Any, data: Any, reserved: Collection[str]) -> None:
         self.mujoco, self.model, self.data, self.reserved = mujoco, model, data, reserved
         self.inputs: dict[str, tuple[Input, int]] = {}
         self.outputs: dict[str, tuple[Output, int]] = {}
@@ -197,11 +197,7 @@ class Ports:
         """Add a port, whose numbers begin at an index of an array of mjData. name : in the file, or "" """
         if not name:
             return
-        name = re.sub(r"\W", "_", name)
-        if not name.isidentifier() or name.startswith("_"):
-            name = f"x{name}"
-        if keyword.iskeyword(name) or name in self.reserved or name in self.inputs or name in self.outputs:
-            name += suffix
+        name = port_name(name, {*self.reserved, *self.inputs, *self.outputs}, suffix)
         if name in self.inputs or name in self.outputs:
             raise ValueError(f"two elements of the model would be the port {name}: rename one of them")
         ports[name] = (port.named(name), address_of(numbers, index))

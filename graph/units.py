@@ -148,7 +148,8 @@ def _combine(a: str, b: str, sign: int) -> str:
     return _write(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 
 
-def _scale(unit: str) -> tuple[float, dict[str, int]]:
+def scale(unit: str) -> tuple[float, dict[str, int]]:
+    """Return the factor of a unit, and the exponents of its base units kg, m, s, A, rad and K. Raises ValueError."""
     factor = 1.0
     base: dict[str, int] = {}
     for symbol, exponent in parse(unit):
@@ -169,8 +170,8 @@ def conversion(source: str, target: str) -> tuple[float, float]:
         return 1.0, 0.0
     if ANY in (source, target):
         raise ValueError(f"cannot convert from {source!r} to {target!r}")
-    source_factor, source_base = _scale(source)
-    target_factor, target_base = _scale(target)
+    source_factor, source_base = scale(source)
+    target_factor, target_base = scale(target)
     if source_base != target_base:
         raise ValueError(f"{source} does not convert to {target}")
     offset = {("°C", "K"): 273.15, ("K", "°C"): -273.15}.get((source, target), 0.0)
@@ -212,5 +213,5 @@ def parse_quantity(text: str, unit: str | None) -> float:
         if unit is not None
         else value
         if canonical(match[2]) == "°C"
-        else value * _scale(match[2])[0]
+        else value * scale(match[2])[0]
     )

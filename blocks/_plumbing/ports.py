@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import keyword
 import math
+import re
 import unicodedata
 from collections.abc import Container, Iterable
+from numbers import Real
+from typing import Any
 
 from graph import Input, units
+from graph.narrowing import is_row
 
 
 def several(count: int, unit: str = "any", dtype: type = float) -> dict[str, Input]:
@@ -38,6 +42,14 @@ def finite_numbers(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     return numbers
 
 
+def port_name(name: str, taken: Container[str], suffix: str) -> str:
+    """Return a name in a file as the name of a port. suffix : of a name that is a keyword or taken"""
+    name = re.sub(r"\W", "_", name)
+    if not name.isidentifier() or name.startswith("_"):
+        name = f"x{name}"
+    return name + suffix if keyword.iskeyword(name) or name in taken else name
+
+
 def check_port_names(names: Iterable[object], reserved: Container[str]) -> None:
     """Raise ValueError for a name that occurs twice, is reserved, or is not an identifier."""
     seen: set[str] = set()
@@ -50,3 +62,12 @@ def check_port_names(names: Iterable[object], reserved: Container[str]) -> None:
         if name in reserved or name in seen or name == "self":
             raise ValueError(f"{refused}: it is {'used twice' if name in seen else 'reserved'}. Use another name")
         seen.add(name)
+
+
+def unit_and_limits(name: str, stated: Any) -> tuple[str, tuple[float, float] | None]:
+    """Return the unit and the limits of an entry of `gives`. Raises ValueError."""
+    unit, *limits = stated if is_row(stated) and stated else (stated,)
+    numbers = all(isinstance(limit, Real) for limit in limits)
+    if not isinstance(unit, str) or limits and not (len(limits) == 2 and numbers and limits[0] <= limits[1]):
+        raise ValueError(f"gives: {name} must be a unit, or (unit, lowest, highest value), got {stated!r}")
+    return unit, (limits[0], limits[1]) if limits else None

@@ -59,6 +59,12 @@ def examples(request, recording, tmp_path_factory):
     if request.param == "Compiled":
         file = compile_spring(tmp_path_factory.mktemp("compiled"))
         return ({"file": file, "takes": {"angle": "rad", "velocity": "rad/s"}, "gives": {"torque": "N·m"}},)
+    if request.param == "Fmu":
+        from tests.blocks import fmus
+
+        file = fmus.make(tmp_path_factory.mktemp("fmu"), fmus.FMI2.replace('min="-40" max="40"', ""))
+        takes, gives = {"knee.angle": "rad", "velocity": "rad/s"}, {"torque": "N·m", "error": "rad"}
+        return ({"file": file, "takes": takes, "gives": gives},)
     if request.param == "MujocoBody":
         pytest.importorskip("mujoco")
         return ({"file": str(ROOT / "diagrams" / "examples" / "leg.xml")},)

@@ -106,6 +106,16 @@ SHOWN = {
         closing="\n    torque=command\n"
         '    + Impedance(stiffness=10.0)(plant.position, plant.velocity, Sine(amplitude=0.5, unit="rad")())\n',
     ),
+    "Fmu": Shown(
+        {
+            "file": "knee.fmu",
+            "takes": {"knee.angle": "rad", "velocity": "rad/s"},
+            "gives": {"torque": ("N·m", -40.0, 40.0)},
+        },
+        {"knee_angle": "plant.position", "velocity": 'plant.velocity - Pulse(high=3.0, delay=0.2, unit="rad/s")()'},
+        "waves",
+        plant=JOINT,
+    ),
     "FootContact": Shown(inputs={"heel": "0.7 * walker.left_ground_force[1]"}),
     "Gain": Shown({"gain": 2.5}),
     "GaitState": Shown(duration=8.0, walker='speed="0:0 2:0 4:1.2"'),

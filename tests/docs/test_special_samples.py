@@ -35,6 +35,7 @@ SAMPLES = {  # page: tests of its Python samples that are marked `notest`, in th
         "docs.test_special_samples.test_the_device_family_of_the_page_is_accepted",
         "docs.test_special_samples.test_the_dialogue_of_the_page_asks_for_a_confirmation",
     ),
+    "docs/how_to/fmus.md": ("blocks.test_fmu.test_a_range_proves_the_command_and_a_replay_has_the_same_bits",),
     "docs/how_to/analysis.md": ("docs.test_special_samples.test_the_loop_of_the_page_has_its_margins",) * 2,
     "docs/how_to/motion_capture.md": (
         "runtime.record.analysis.test_clocks.test_the_clock_of_a_microcontroller_agrees_with_an_edge_on_a_line",
