@@ -114,7 +114,7 @@ class Fmu(Block):
         check_known(stated, names, variables)
         ports: dict[str, Any] = {}
         for each in variables:
-            usable = each.causality == causality and each.type not in NOT_PORTS
+            usable = each.causality == causality and each.type not in NOT_PORTS and not each.clocks
             if not (each.name in names if names else usable):
                 continue
             if not usable:

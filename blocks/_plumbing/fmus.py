@@ -9,19 +9,21 @@ import io
 import math
 import os
 import re
+import shutil
 import sys
 import weakref
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 import numpy as np
 
 EXTRA = "pip install 'tickwork[fmi]'"
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+ERROR, FATAL = 3, 4
 FLOATS = {"Real": sys.float_info.max, "Float64": sys.float_info.max, "Float32": float(np.finfo(np.float32).max)}
 
 
@@ -47,18 +49,19 @@ class Slave:
 
     def __init__(self, file: str) -> None:
         self.fmpy = library()
-        self.folder = TemporaryDirectory(prefix="tickwork-fmu-", ignore_cleanup_errors=True)
+        self.folder = mkdtemp(prefix="tickwork-fmu-")
+        weakref.finalize(self, remove, self.folder, os.getpid())
         try:
-            self.fmpy.extract(file, self.folder.name, is_used)
-            self.description = self.fmpy.read_model_description(self.folder.name)
+            self.fmpy.extract(file, self.folder, is_used)
+            self.description = self.fmpy.read_model_description(self.folder)
         except Exception as error:  # FMPy's own are of no other class
             raise ValueError(f"it is not an FMU that can be read: {error}") from None
-        self.version, self.interface = self.description.fmiMajorVersion, self.description.coSimulation
+        self.version, self.interface = int(self.description.fmiVersion[0]), self.description.coSimulation
         if self.version == 1:
             raise ValueError("it is of FMI 1: export it as a co-simulation FMU of FMI 2 or 3")
         if self.interface is None:
             raise ValueError("it is not for co-simulation: export it as a co-simulation FMU")
-        self.binary = self.find_binary(Path(self.folder.name, "binaries"))
+        self.binary = self.find_binary(Path(self.folder, "binaries"))
         self.log: list[str] = []
         self.fresh, self.time = False, 0.0
         self.fmu: Any = None
@@ -89,16 +92,17 @@ class Slave:
         try:
             with quiet(), same_folder(), same_rounding():
                 self.fmu = fmu = self.fmpy.instantiate_fmu(
-                    self.folder.name,
+                    self.folder,
                     self.description,
                     "CoSimulation",
                     logger=partial(note, self.log),
                     library_path=str(self.binary),
                 )
+            fmu.status = ERROR  # until it is in the state of the start
             self.end = weakref.finalize(self, end, fmu)
-            categories = [each.name for each in self.description.logCategories if re.search("(?i)err|fatal", each.name)]
-            if categories:
-                fmu.setDebugLogging(True, categories)
+            categories = getattr(self.description, "logCategories", ())  # missing in FMPy 0.3.24 and older
+            if names := [each.name for each in categories if re.search("(?i)err|fatal", each.name)]:
+                fmu.setDebugLogging(True, names)
             if self.version == 2:
                 fmu.setupExperiment(startTime=0.0)
             for settable, enter in (
@@ -109,11 +113,13 @@ class Slave:
                 enter()
         except Exception as error:
             raise ValueError(f"it cannot be started: {self.reason(error)}") from None
-        self.fresh = True
+        self.fresh, fmu.status = True, 0
 
     def reason(self, error: Exception) -> str:
-        """Return the text of an exception of FMPy, and the FMU's last message."""
+        """Note an exception of FMPy. Returns its text, and the FMU's last message."""
         status = getattr(error, "status", None)
+        if self.fmu is not None:
+            self.fmu.status = status or ERROR
         text = str(error) if status is None else f"{error.function} returned {STATUS[status]}"  # type: ignore
         return ": ".join([text, *self.log])
 
@@ -176,7 +182,6 @@ class Slave:
         try:
             return getattr(self.fmu, function)(*arguments)
         except Exception as error:
-            self.fmu.failed = getattr(error, "status", 0)
             raise RuntimeError(self.reason(error)) from None
 
 
@@ -191,6 +196,12 @@ def library() -> Any:
 def is_used(name: str) -> bool:
     """Return whether a simulation uses a file of an FMU."""
     return name.startswith(("modelDescription.xml", "binaries/", "resources/"))
+
+
+def remove(folder: str, process: int) -> None:
+    """Remove the folder of an FMU, unless this process is a fork of its owner."""
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -223,19 +234,16 @@ def same_rounding() -> Generator[None]:
 
 def note(log: list[str], *message: Any) -> None:
     """Keep the last message about an error. message : ..., status, category, text"""
-    if message[-3] >= STATUS.index("error"):
+    if message[-3] >= ERROR:
         log[:] = [message[-1].decode(errors="replace").strip()]
 
 
 def end(fmu: Any) -> None:
     """End an instance, as its state allows."""
-    failed = getattr(fmu, "failed", None)
-    with suppress(Exception):
-        if failed is None:
-            fmu.terminate()
-    with suppress(Exception):
-        if failed != STATUS.index("fatal"):
-            fmu.freeInstance()
+    for allowed, function in ((fmu.status == 0, fmu.terminate), (fmu.status != FATAL, fmu.freeInstance)):
+        with suppress(Exception):
+            if allowed:
+                function()
 
 
 def kind_of(variable: Any, version: int) -> str:

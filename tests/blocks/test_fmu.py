@@ -227,8 +227,8 @@ def test_a_range_proves_the_command_and_a_replay_has_the_same_bits(tmp_path, spr
 
 @pytest.mark.paced
 @pytest.mark.hazard("H8c")
-@pytest.mark.parametrize("mode", soaked([7, 8], but=[0]))
-def test_the_motors_stop_and_the_report_names_the_block_if_its_fmu_crashes_or_hangs(tmp_path, spring, mode):
+@pytest.mark.parametrize("mode", soaked([7, 8, 9], but=[0]))
+def test_the_motors_stop_and_the_report_names_the_block_if_its_fmu_crashes_hangs_or_exits(tmp_path, spring, mode):
     more = f"""with subsystem("model"):
             late = Switch()(law.late, {mode}.0, 0.0)
             Fmu({spring!r}, name="controller")(mode=Round()(late))"""
@@ -244,6 +244,8 @@ def test_the_motors_stop_and_the_report_names_the_block_if_its_fmu_crashes_or_ha
         _, err = process.communicate(timeout=10)
     if mode == 8:
         assert "model/controller hangs: " in err and process.returncode == 3
+    elif mode == 9:
+        assert "tickwork: a library called exit() in model/controller\n" in err and process.returncode == 3
     else:
         assert "the control process died of SIGSEGV in model/controller after tick " in err
         assert process.returncode == -signal.SIGSEGV
