@@ -4,7 +4,7 @@ With the 300,000 objects of a session a collection takes 0.15 s. They are frozen
 tests the garbage among the newer objects is collected and the rest is frozen as well; what was frozen is collected
 once in FULL_COLLECTION_INTERVAL of these collections.
 
-Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws others, and thirty times as many.
+Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws others, and 1000 of each.
 
 With SKIPPED_FILES=error a session fails if every selected test of a file was skipped: a check whose tool is missing has
 not been made. `make soak` sets it. Tests of real interfaces have a target of their own, `make test-hardware`.
@@ -31,7 +31,7 @@ for number, action in ((signal.SIGINT, signal.default_int_handler), (signal.SIGH
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, action)
 
-settings.register_profile("steady", max_examples=30, derandomize=True, deadline=None)
+settings.register_profile("steady", max_examples=15, derandomize=True, deadline=None)
 settings.register_profile("soak", max_examples=1000, deadline=None)
 settings.load_profile(os.environ.get("EXAMPLES", "steady"))
 

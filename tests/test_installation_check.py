@@ -41,7 +41,7 @@ def test_installation_check_passes_in_checkout():
     assert installation_check.problem() is None
 
 
-@pytest.mark.parametrize("name", ["blocks", "graph", "cext"])
+@pytest.mark.parametrize("name", soaked(["blocks", "graph", "cext"], but=[0]))
 def test_working_folder_that_shadows_package_is_reported_in_one_line(name, installed, lab):
     (lab / name).mkdir()
     (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
@@ -65,7 +65,7 @@ with Diagram("wave", rate=100) as diagram:
 """
 
 
-@pytest.mark.parametrize("name", ["json", "signal", "typing", "struct", "numpy", "can"])
+@pytest.mark.parametrize("name", soaked(["json", "signal", "typing", "struct", "numpy", "can"], but=[0, 4]))
 def test_a_file_beside_the_diagram_with_the_name_of_a_library_is_named(name, installed, lab):
     (lab / "wave.py").write_text(WAVE)
     (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
@@ -326,7 +326,7 @@ MODULES = ("runtime/__init__", "runtime/host/ending", "runtime/cli/main", "runti
 MODULES += ("graph/schedule", "graph/diagram", "runtime/host/interrupts", "shared")
 
 
-@pytest.mark.parametrize("module, changed", soaked(list(product(MODULES, CHANGES)), but=[2, 13, 25]))
+@pytest.mark.parametrize("module, changed", soaked(list(product(MODULES, CHANGES)), but=[2]))
 def test_a_damaged_bytecode_cache_is_named_with_its_remedy(module, changed, warm):
     root = warm if module == "shared" else ROOT
     [cache] = (warm / "caches" / root.relative_to("/")).glob(f"{module}.cpython*.pyc")
@@ -355,6 +355,7 @@ def test_a_damaged_bytecode_cache_of_an_import_in_python_is_named(warm):
     assert process.stderr.splitlines()[-1].startswith(f"ImportError: the bytecode cache {cache} is damaged")
 
 
+@pytest.mark.soak
 def test_a_damaged_bytecode_cache_of_a_child_process_is_named(warm):
     run = ("tickwork", "wave.py", "--duration", "0.1")
     assert cached(warm, *run).returncode == 0

@@ -11,6 +11,7 @@ from tests.checkout import ROOT
 from tests.soaking import soaked
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", soaked(sorted(folder.name for folder in (ROOT / "packages").iterdir()), but=[0]))
 def test_a_distribution_installs_and_passes_its_tests(name, tmp_path):
     source, site = tmp_path / name, tmp_path / "site"

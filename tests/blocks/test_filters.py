@@ -14,6 +14,7 @@ from blocks.filters import Butterworth
 from blocks.sources import Ramp, StepSource
 from graph import Diagram, DiagramError, compile
 from tests.blocks.running import both_ways, by_hand, player, run
+from tests.soaking import soaked
 
 RATE = 200.0
 
@@ -30,7 +31,7 @@ def noise(count=400, seed=3):
     return u
 
 
-@pytest.mark.parametrize("order", range(1, 9))
+@pytest.mark.parametrize("order", soaked(range(1, 9), but=[0, 1, 6]))
 @pytest.mark.parametrize("cutoff", [0.5, 6.0, 20.0, 49.9, 75.0, 99.0])
 def test_every_order_filters_as_scipy_does(order, cutoff):
     """Within 1e-9 of the largest output: the coefficients come from different closed forms, and low cutoffs are

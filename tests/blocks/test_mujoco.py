@@ -230,6 +230,7 @@ def test_an_exoskeleton_flexes_an_arm_of_myosuite_further_than_its_muscles_alone
     assert assisted["elbow.torque"].max() < 4.1
 
 
+@pytest.mark.soak
 def test_the_video_of_the_page_shows_the_moving_leg(tmp_path):
     mujoco.MjModel
     os.symlink(ROOT / "diagrams", tmp_path / "diagrams")

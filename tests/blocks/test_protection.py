@@ -251,6 +251,7 @@ def test_rms_never_exceeds_limit_for_any_command(u, limit, length, fade):
     assert rms_over_windows(out, length) <= limit
 
 
+@pytest.mark.soak
 def test_the_rms_bound_holds_over_a_million_ticks_of_bursts():
     random = np.random.default_rng(20)
     torque = np.repeat(random.normal(0.0, 12.0, 5000), 200) * np.repeat(random.random(100) < 0.6, 10000)

@@ -11,6 +11,7 @@ from blocks.wearer import SegmentIMU
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams.robots import path
+from tests.soaking import soaked
 
 SIDES = ("left", "right")
 ANKLE = ("left/shank_imu", "left/foot_imu")
@@ -140,7 +141,11 @@ def test_a_sensor_turned_about_the_axis_of_flexion_ends_the_run_while_torque_fad
 
 @pytest.mark.hazard("H12f")
 @pytest.mark.parametrize(
-    "robot, device", [pytest.param(*worn, marks=() if worn in FAST else pytest.mark.soak) for worn in WORN]
+    "robot, device",
+    [
+        pytest.param(*worn, marks=() if worn in FAST and worn[0] != "hip_exo_2dof" else pytest.mark.soak)
+        for worn in WORN
+    ],
 )
 def test_a_sensor_turned_about_other_axes_ends_the_run_or_no_torque_acts(robot, device):
     for degrees in ABOUT:
@@ -148,9 +153,7 @@ def test_a_sensor_turned_about_other_axes_ends_the_run_or_no_torque_acts(robot, 
         assert acts < (0.5 if outcome.status.startswith("kernel status") else 0.05), (degrees, acts)
 
 
-@pytest.mark.parametrize(
-    "robot", ["hip_exo_2dof", "ankle_exo", pytest.param("knee_exo_gatech", marks=pytest.mark.soak)]
-)
+@pytest.mark.parametrize("robot", soaked(["hip_exo_2dof", "ankle_exo", "knee_exo_gatech"], but=[0]))
 def test_a_wearer_who_stops_and_walks_on_is_no_fault(robot):
     """The first step after a stand turns one leg alone."""
     for person, (speed, rise) in enumerate(((0.5, 1.5), (0.8, 1.0), (1.2, 0.5), (1.6, 0.52), (0.5, 0.5), (0.8, 1.5))):

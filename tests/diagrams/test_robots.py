@@ -5,6 +5,7 @@ silent.
 import os
 import tempfile
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from tests.diagrams.robots import CLAIMS, IN_MOTION, ROBOTS, SUITS, path
 from tests.runtime.robot.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
 from tests.shared import shared
-from tests.soaking import crossed
+from tests.soaking import soaked
 
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
@@ -43,7 +44,7 @@ def test_robot_is_native_and_proved_without_warning(robot):
     assert {proof.path for proof in schedule.proofs if proof.port == "torque_command" and proof.holds} == actuators
 
 
-@pytest.mark.parametrize("robot", ["hip_exo", "knee_exo", *ROBOTS])
+@pytest.mark.parametrize("robot", soaked(["hip_exo", "knee_exo", *ROBOTS], but=[1, 5, 8, 12, 14]))
 def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monkeypatch):
     """In the drivers, the emulated devices and the wearer too."""
     fused = runtime.run(path(robot), 3.0, plant_signals="*")
@@ -55,7 +56,7 @@ def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monk
     assert differ == [] and any(name.startswith("plant/") for name in fused.signals)
 
 
-@pytest.mark.parametrize("robot, walker", crossed(CLAIMS, WALKERS))
+@pytest.mark.parametrize("robot, walker", soaked(list(product(CLAIMS, WALKERS)), but=[9, 13, 18, 29]))
 def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_with_walking(robot, walker):
     mass, speed = walker
     schedule = f"0:0 0.5:0 2:{speed} 16:{speed} 17:0"
@@ -75,7 +76,7 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_wit
             assert np.abs(trial[f"{side}/{joint}.torque_sent"][standing]).max() < CODE_OF_TORQUE
 
 
-@pytest.mark.parametrize("robot", CLAIMS)
+@pytest.mark.parametrize("robot", soaked(CLAIMS, but=[3, 6, 7, 9]))
 def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
     """Of two recorded adults; the networks were trained on neither."""
     chosen = IN_MOTION.get(robot, {})
@@ -118,6 +119,7 @@ def test_only_walking_forward_is_assisted(robot, other_motions):
             assert time < 0.3 and taken < 0.3, motion  # s, J
 
 
+@pytest.mark.soak
 def test_energy_of_m_blue_agrees_with_the_muscles_and_gives_back_what_it_takes(other_motions):
     """Its weights are those of the fit, and so of a potential: a motion under constant load does no work."""
     m_blue = load(path("m_blue"))[0].module
@@ -143,7 +145,7 @@ def similarity(a, b):
     return a @ b / np.sqrt((a @ a) * (b @ b))
 
 
-@pytest.mark.parametrize("robot", CLAIMS)
+@pytest.mark.parametrize("robot", soaked(CLAIMS, but=[3, 4, 6]))
 def test_a_leg_that_swings_beside_one_that_stands_is_not_assisted(robot, tmp_path):
     """The phase of a network advances in both legs when one thigh swings."""
     time = np.arange(0.0, 10.0, 0.01)
@@ -162,12 +164,15 @@ def test_a_leg_that_swings_beside_one_that_stands_is_not_assisted(robot, tmp_pat
 
 @pytest.mark.parametrize(
     "robot, chosen",
-    [
-        ("hip_exo_bilateral", {"model": "AK10-9-V2.0"}),
-        ("hip_exo_bilateral", {"model": "AK10-9-V3.0"}),
-        ("ankle_exo", {"model": "CyberGear"}),
-        ("ankle_exo", {"model": "AK80-9", "right_model": "CyberGear"}),
-    ],
+    soaked(
+        [
+            ("hip_exo_bilateral", {"model": "AK10-9-V2.0"}),
+            ("hip_exo_bilateral", {"model": "AK10-9-V3.0"}),
+            ("ankle_exo", {"model": "CyberGear"}),
+            ("ankle_exo", {"model": "AK80-9", "right_model": "CyberGear"}),
+        ],
+        but=[0, 1, 3],
+    ),
 )
 def test_robot_assists_with_other_actuators(robot, chosen):
     assert not compile(load(path(robot), list(chosen.items()))[1]).warnings
@@ -181,7 +186,7 @@ def test_robot_assists_with_other_actuators(robot, chosen):
         assert power.mean() > 0.5
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", soaked(ROBOTS, but=[4, 6, 10, 11]))
 def test_a_silent_device_ends_the_run_safely(robot):
     """Each device of a leg, in one of the legs in turn: both are made by the same function."""
     devices = {}

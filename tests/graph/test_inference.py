@@ -191,6 +191,7 @@ def test_a_constant_vector_of_the_wrong_length_is_a_mismatch():
     assert (found.code, found.path, found.message) == ("TW003", "takes", "expected shape (2,), got (3,)")
 
 
+@pytest.mark.soak
 def test_names_in_an_awkward_order_do_not_make_a_long_chain_slow():
     def calls_of_compile(count):
         with Diagram("chain", rate=100) as diagram:

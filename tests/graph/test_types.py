@@ -65,6 +65,7 @@ def errors(request, tmp_path_factory):
     return {(Path(r["file"]).name, r["line"]): r for r in reports if r["severity"] == "error"}
 
 
+@pytest.mark.soak
 def test_type_checkers_report_the_mistakes_of_a_user_in_another_folder_and_nothing_else(errors):
     lines = enumerate(USER.read_text().splitlines(), 1)
     wrong = [(USER.name, number) for number, line in lines if "  # wrong: " in line]

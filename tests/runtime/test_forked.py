@@ -4,6 +4,8 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
+import pytest
+
 from tests.runtime.forked import Forked
 from tests.runtime.runs import environment, server
 
@@ -29,6 +31,7 @@ def test_each_thread_gets_the_process_that_it_has_started():
         sys.setswitchinterval(switching)
 
 
+@pytest.mark.soak
 def test_threads_share_one_server():
     code = "from tests.runtime.runs import server\nfrom concurrent.futures import ThreadPoolExecutor\n"
     code += "with ThreadPoolExecutor(8) as threads:\n    print(len(set(threads.map(lambda _: server(), range(8)))))"

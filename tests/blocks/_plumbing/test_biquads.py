@@ -13,6 +13,7 @@ from blocks.filters import Butterworth, Notch
 from blocks.linear import BiquadCascade
 from graph import Diagram, DiagramError, Interval
 from tests.blocks.playing import made, play, settle
+from tests.soaking import soaked
 
 RATE = 1000.0
 NOISE = np.random.default_rng(11).normal(0.0, 2.0, 600)
@@ -35,7 +36,7 @@ def as_sos(sections):
     return np.array([(b0, b1, b2, 1.0, a1, a2) for b0, b1, b2, a1, a2 in sections])
 
 
-@pytest.mark.parametrize("order", range(1, 9))
+@pytest.mark.parametrize("order", soaked(range(1, 9), but=[1, 2, 7]))
 @pytest.mark.parametrize("btype, cutoff", CASES)
 def test_every_kind_and_order_filters_as_scipy_does(btype, cutoff, order):
     """Within 1e-9 of the largest output; both are cascades of biquads in doubles, whose rounding differs."""

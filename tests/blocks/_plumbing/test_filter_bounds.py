@@ -17,6 +17,7 @@ from blocks.linear import BiquadCascade, StateSpace, TransferFunction
 from cext.kernels.filter_bounds import impulse_sums
 from graph import Diagram, DiagramError, Interval, compile
 from tests.blocks.playing import made, play, settle
+from tests.soaking import soaked
 
 RATE = 200.0
 CASES = {
@@ -41,7 +42,7 @@ def response(make, length=6000):
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("low, high", [(-1.0, 1.0), (0.0, 3.0), (-2.0, 0.5), (1.0, 4.0)])
+@pytest.mark.parametrize("low, high", soaked([(-1.0, 1.0), (0.0, 3.0), (-2.0, 0.5), (1.0, 4.0)], but=[0, 2]))
 def test_worst_case_input_approaches_both_bounds_without_exceeding_them(name, low, high):
     """The input that has the sign of the impulse response, read backwards. Within 1e-6 of the bound, and inside it to
     the last bit.

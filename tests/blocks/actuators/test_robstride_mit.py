@@ -15,10 +15,12 @@ from graph import DiagramError
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.robstride_reference import ranges
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, OUT_OF_LIMITS, REMOTE, TAKEN, Wired
+from tests.soaking import soaked
 
 NAMES = list(MIT_FIRMWARE)
 FIELDS = tuple(name for name, _ in reference.FIELDS)
 models = pytest.mark.parametrize("model", NAMES)
+few = pytest.mark.parametrize("model", soaked(NAMES, but=[0, 8]))
 
 
 def drive(model, **parameters):
@@ -52,7 +54,7 @@ def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
         assert -1e-9 * high <= fields[name] - x <= (high - low) / (2 ** reference.BITS[name] - 1) * 2.0, name
 
 
-@models
+@few
 def test_no_command_starts_with_six_bytes_of_ones(model):
     """Those set a drive up: they enable and disable it, and change its id, its protocol, its host."""
     limits = RANGES[model]

@@ -12,6 +12,7 @@ from runtime.setup.bench.gait_recordings import legs
 from tests.blocks.gait.walks import RATE
 from tests.blocks.running import player, run
 from tests.shared import shared
+from tests.soaking import soaked
 
 # Gains from the rate of the left and of the right leg to the sensors of both, the status and what its text contains.
 MISPLACED = {
@@ -39,7 +40,7 @@ def compared(gains, opposite=False, enable=None):
 
 
 @pytest.mark.hazard("H12f")
-@pytest.mark.parametrize("opposite", [False, True])
+@pytest.mark.parametrize("opposite", soaked([False, True], but=[1]))
 @pytest.mark.parametrize("gains, status, text", MISPLACED.values(), ids=list(MISPLACED))
 def test_misplaced_sensors_are_a_fault_within_two_seconds_of_walking(gains, status, text, opposite):
     monitor, trial = compared(gains, opposite)
@@ -74,7 +75,7 @@ def test_a_thigh_that_turns_faster_than_its_shank_is_a_fault(exchanged):
 
 
 @pytest.mark.hazard("H12f")
-@pytest.mark.parametrize("segment", ["thigh", "shank"])
+@pytest.mark.parametrize("segment", soaked(["thigh", "shank"], but=[1]))
 @pytest.mark.parametrize(
     "changed, status, text",
     [

@@ -21,6 +21,7 @@ def adults():
     return [family(WALK[1:2], seed)[0] for seed in SEEDS]
 
 
+@pytest.mark.soak
 def test_drawn_adults_have_the_standard_deviations_of_the_measured_ones(adults):
     """Of 40 adults, in the mean over the stride within 30 %; no knee extends beyond 8°."""
     angles = np.array([[values(curve) for curve in each["angles"]] for each in adults])

@@ -73,6 +73,7 @@ def test_opposing_torque_is_not_answered_as_a_helpful_one(joint):
     assert opposed[1] > 1.4 * helped[1]
 
 
+@pytest.mark.soak
 def test_metabolic_optimum_is_where_experiments_have_it():
     """Ankle: peak near 53 % of the stride, of 0.5 to 0.75 N·m/kg (Zhang 2017); hip flexion: near 60 % (Kim 2022).
 

@@ -11,7 +11,7 @@ from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, Rob
 from graph import Diagram, compile
 from tests.cext.delayed import KINDS, bursts, connected, constant, irregular, lossy, shaken
 from tests.cext.imposed import imposed, sine, still
-from tests.soaking import crossed
+from tests.soaking import crossed, soaked
 
 RATES = [100, 200, 500, 1000]
 LAWS = {
@@ -76,7 +76,7 @@ def test_with_late_and_lost_frames_the_drive_gives_at_most_the_limit(ways, rate,
 
 @pytest.mark.hazard("H1c")
 @pytest.mark.parametrize("later", [0.001, 0.002, 0.005, 0.008, 0.016])
-@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("rate", soaked(RATES, but=[1, 3]))
 def test_replies_that_become_late_during_the_run_take_the_gains(rate, later):
     """By one period or several exactly: the replies that arrive then look like those to the newest commands. While the
     first command is late, the drive obeys the one before: from the first late reply on, the limit holds again.

@@ -22,6 +22,7 @@ from cext.schedule.program import Program
 from graph import Block, Device, Diagram, Kernel, Output, Param, compile
 from tests.blocks.actuators.wire import Frame
 from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
+from tests.soaking import soaked
 
 
 @pytest.mark.hazard("H6b")
@@ -289,7 +290,7 @@ def test_faults_during_stop_do_not_replace_its_cause():
     assert (outcome.status, outcome.culprit) == ("silent", "knee") and any(frame.id == 42 for frame in rig.frames)
 
 
-@pytest.mark.parametrize("by_signal", [False, True])
+@pytest.mark.parametrize("by_signal", soaked([False, True], but=[1]))
 def test_in_virtual_time_a_slow_reader_loses_nothing_of_a_long_stop(by_signal):
     """Thirty drives that do not confirm, and a ring that is full to some degree when the stop begins."""
 

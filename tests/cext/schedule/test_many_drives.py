@@ -63,6 +63,7 @@ def test_one_drive_more_is_refused():
         Program(schedule, [MemoryBus().host for _ in schedule.buses])
 
 
+@pytest.mark.soak
 def test_drives_that_are_taken_out_are_shown_under_their_numbers():
     rig, outcome = run(4, OUT)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ())

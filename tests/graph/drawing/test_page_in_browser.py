@@ -28,6 +28,7 @@ def ask(tmp_path):
     return ask
 
 
+@pytest.mark.soak
 def test_every_text_fits_into_its_box(ask):
     wide = ask(
         nested(),
@@ -83,6 +84,7 @@ def test_a_click_on_a_block_shows_its_docstring_ports_parameters_and_line(ask):
         assert words in told["text"], words
 
 
+@pytest.mark.soak
 def test_a_link_in_a_card_leads_to_the_block_at_the_other_end(ask):
     assert ask(
         leg(),
@@ -93,6 +95,7 @@ def test_a_link_in_a_card_leads_to_the_block_at_the_other_end(ask):
     ) == ["left/knee", "left/knee"]
 
 
+@pytest.mark.soak
 def test_escape_closes_the_card(ask):
     assert ask(
         leg(),
@@ -135,6 +138,7 @@ def test_search_matches_name_type_and_port_and_enter_selects(ask):
     assert told[5:] == ["left/impedance", ""]
 
 
+@pytest.mark.soak
 def test_a_folded_subsystem_hides_its_blocks_and_frees_their_space(ask):
     told = ask(
         leg(),
@@ -152,6 +156,7 @@ def test_a_folded_subsystem_hides_its_blocks_and_frees_their_space(ask):
     assert told["boxes"] == 6 and told["lines"] == 5
 
 
+@pytest.mark.soak
 def test_a_second_leg_is_folded_until_it_is_opened_and_names_its_signals(ask):
     told = ask(
         walk(),
@@ -241,6 +246,7 @@ def test_animated_and_immediate_folding_give_the_same_view(ask):
     assert ask(nested(), script, motion=True) == ask(nested(), script)
 
 
+@pytest.mark.soak
 def test_the_wheel_zooms_about_the_pointer_and_dragging_moves(ask):
     told = ask(
         leg(),
@@ -261,6 +267,7 @@ def test_the_wheel_zooms_about_the_pointer_and_dragging_moves(ask):
     assert told["moved"] == pytest.approx(80.0) and told["later"] == pytest.approx(80.0)
 
 
+@pytest.mark.soak
 def test_dragging_across_a_block_does_not_open_its_card(ask):
     assert (
         ask(
@@ -278,6 +285,7 @@ def test_dragging_across_a_block_does_not_open_its_card(ask):
     )
 
 
+@pytest.mark.soak
 def test_pointing_at_a_line_lights_the_whole_signal(ask):
     lit = ask(
         leg(),

@@ -65,6 +65,7 @@ program.main()
 """
 
 
+@pytest.mark.soak
 def test_an_interrupt_that_is_raised_again_and_again_does_not_change_the_end():
     """A busy machine holds the process up for more than a period at any of its lines."""
     for _ in range(10):
@@ -153,7 +154,7 @@ def test_a_signal_ends_an_exit_handler_that_hangs(tmp_path):
     process.communicate()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize("number", soaked([signal.SIGINT, signal.SIGTERM], but=[0]), ids=lambda number: number.name)
 def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
     process = started("rate", "--seconds", "3600", "--low", "3900", "--actuators", "1", cwd=tmp_path, cold=True)
     assert "highest rate" in process.stdout.readline() + process.stdout.readline()
@@ -183,7 +184,7 @@ def recording(tmp_path_factory):
     return recording
 
 
-@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+@pytest.mark.parametrize("number", soaked(ENDING_SIGNALS, but=[0]), ids=lambda number: number.name)
 def test_a_replay_that_is_interrupted_leaves_no_file(recording, tmp_path, number):
     scratch = tmp_path / "scratch"
     scratch.mkdir()

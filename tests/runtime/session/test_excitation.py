@@ -83,6 +83,7 @@ def switching():
     return diagram
 
 
+@pytest.mark.soak
 def test_a_loop_that_does_not_respond_linearly_has_no_margins(tmp_path):
     found = loop.Loop(switching, "knee.torque_command", plant=plant)
     assert not found.linear and "margins: none, because the loop does not respond linearly" in "\n".join(found.lines())

@@ -292,6 +292,7 @@ def test_runtime_run_leaves_no_files_and_prints_nothing(tmp_path, monkeypatch, c
     assert list(tmp_path.iterdir()) == [] and capfd.readouterr() == ("", "")
 
 
+@pytest.mark.soak
 def test_repeated_runs_keep_no_memory():
     def resident():
         gc.collect()

@@ -120,6 +120,7 @@ def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_pa
     assert [values for _, values, _ in told] == [optimiser.ask(), optimiser.ask()] and run.returncode == 143
 
 
+@pytest.mark.soak
 def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     profiles(tmp_path, rate=5, time_constant=42.0)
     words = ("profiles.py", "--fast", *OVER, *COST, "--time-constant", 42, "--set", "noise=0.3", "--population", 6)

@@ -80,6 +80,7 @@ def interval_and_excess(wearer, optimiser):
     )
 
 
+@pytest.mark.soak
 def test_a_drift_of_8_percent_is_taken_out_by_references_and_the_intervals_hold():
     pytest.importorskip("cma")
     shape = {"noise": 0.025, "generations": 4, "population": 8, "drift": 0.08}
@@ -114,6 +115,7 @@ def test_unresolved_parameters_are_reported_with_the_evaluations_that_would_reso
     assert finding(few, few.fit(), *texts)[0].startswith("  no intervals: 1 evaluations determine no minimum of a fit")
 
 
+@pytest.mark.soak
 def test_cma_es_finds_a_cost_within_5_percent_of_the_lowest_in_9_of_10_seeds_despite_10_percent_noise():
     pytest.importorskip("cma")
     ended = [optimised(seed) for seed in range(10)]

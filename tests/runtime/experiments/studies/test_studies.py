@@ -304,9 +304,7 @@ def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder,
     assert "differs in the diagram file" in command_line("study", "study.toml")[2]
 
 
-@pytest.mark.parametrize(
-    "sent", soaked(["", '{"file', '{"file": "robot.py"}', '{"file": "robot.py"}\n{"par'], but=[0, 3])
-)
+@pytest.mark.parametrize("sent", soaked(["", '{"file', '{"file": "robot.py"}', '{"file": "robot.py"}\n{"par'], but=[3]))
 def test_a_worker_whose_study_was_interrupted_ends_without_a_word(sent):
     code = "import os; from runtime.experiments.studies.worker import main; main(1, 0)"
     worker = subprocess.run([sys.executable, "-c", code], input=sent, capture_output=True, text=True, cwd=ROOT)

@@ -111,6 +111,7 @@ def test_figures_are_those_of_the_closed_form_and_scale_with_body_mass(pair):
     assert np.array_equal(leg.curves("angle"), whole.curves("angle"))
 
 
+@pytest.mark.soak
 def test_diff_of_strides_prints_the_clearest_difference_first(command_line, pair):
     code, out, err = command_line("diff", *pair, "--strides", "--per-kg", "-o", "diff.svg")
     assert (code, err) == (OK, "")

@@ -51,6 +51,7 @@ def test_missing_matplotlib_is_reported_with_install_command(command_line, recor
     )
 
 
+@pytest.mark.soak
 def test_without_names_each_subsystem_has_a_plot(command_line, tmp_path):
     assert command_line(KNEE_EXO, "--fast", "--duration", "5", "--record", tmp_path / "run")[0] == OK
     [path] = (tmp_path / "run").glob("*.mcap")
@@ -126,6 +127,7 @@ def test_intervals_of_fault_code_are_detected():
     assert plots.spells(np.zeros(3, dtype=bool)) == []
 
 
+@pytest.mark.soak
 def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(command_line, tmp_path):
     code, summary, _ = command_line(KNEE_EXO, "--fast", "--duration", "10", "--record", tmp_path / "run")
     [path] = (tmp_path / "run").glob("*.mcap")

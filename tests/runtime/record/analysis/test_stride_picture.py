@@ -52,9 +52,7 @@ def millimetres(path):
 
 @pytest.mark.parametrize(
     ("options", "width"),
-    soaked(
-        [((), 85.0), (("--width", "85mm"), 85.0), (("--width", "12 cm"), 120.0), (("--width", "3.5in"), 88.9)], [0, 3]
-    ),
+    soaked([((), 85.0), (("--width", "85mm"), 85.0), (("--width", "12 cm"), 120.0), (("--width", "3.5in"), 88.9)], [3]),
 )
 def test_a_picture_has_the_width_of_a_column_and_the_names_of_the_field(command_line, recorded, options, width):
     assert command_line("plot", recorded["wide"], "--strides", *options, "-o", "a.svg") == (OK, "a.svg\n", "")
@@ -101,6 +99,7 @@ def test_conditions_are_named_by_labels_or_by_files_without_their_times(command_
     assert command_line.refused(*words, "--label", "x") == "1 labels for 2 conditions: pass a label for each, or none"
 
 
+@pytest.mark.soak
 def test_a_pdf_contains_its_text_as_text(command_line, recorded):
     assert command_line("plot", recorded["wide"], "--strides", "-o", "a.pdf")[0] == OK
     data = open("a.pdf", "rb").read()

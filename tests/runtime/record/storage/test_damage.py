@@ -160,7 +160,7 @@ def one_thread(monkeypatch):
     monkeypatch.setattr(read_ahead, "THREADS_LIMIT", 1)
 
 
-@pytest.fixture(scope="module", params=soaked(list(FILES), but=[0, 3, 5]))
+@pytest.fixture(scope="module", params=soaked(list(FILES), but=[0, 3]))
 def file(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("damage")
     with pytest.MonkeyPatch.context() as patch:

@@ -74,6 +74,7 @@ def test_tests_of_a_third_party_library_pass_where_it_is_installed(installed, tm
     assert done.returncode == 0 and "12 passed" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.soak
 def test_blocks_of_a_third_party_library_run_in_a_diagram(installed, tmp_path):
     (tmp_path / "lab.py").write_text(DIAGRAM)
     done = python(installed, "-m", "runtime", "lab.py", "--fast", "--duration", "0.1", cwd=tmp_path)
@@ -83,6 +84,7 @@ def test_blocks_of_a_third_party_library_run_in_a_diagram(installed, tmp_path):
     assert rows[1:4] == ["0.0,0,0.0,1.0", "0.01,1,0.0,1.5", "0.02,2,0.0,1.75"] and len(rows) == 11
 
 
+@pytest.mark.soak
 def test_a_missing_block_library_is_reported_with_the_install_command(installed, tmp_path):
     (tmp_path / "lab.py").write_text(DIAGRAM)
     write = (
@@ -100,6 +102,7 @@ def test_a_missing_block_library_is_reported_with_the_install_command(installed,
     assert "TW031 missing library" in said and "pip install gaitlab==0.1.0" in said
 
 
+@pytest.mark.soak
 def test_a_third_party_library_is_listed_with_the_built_in_ones(installed, tmp_path):
     done = python(installed, *BLOCKS, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -111,6 +114,7 @@ def test_a_third_party_library_is_listed_with_the_built_in_ones(installed, tmp_p
     assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
 
 
+@pytest.mark.soak
 def test_from_prints_version_author_and_tested_python_versions(installed, tmp_path):
     said = python(installed, *BLOCKS, "--from", "gaitlab", cwd=tmp_path).stdout.splitlines()
     facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
@@ -123,6 +127,7 @@ def test_from_prints_version_author_and_tested_python_versions(installed, tmp_pa
     assert not any("Butterworth" in line for line in said)
 
 
+@pytest.mark.soak
 def test_rig_of_the_package_has_the_buses_and_joints_of_its_robot(installed, tmp_path):
     shutil.copytree(installed.parent / "gaitlab", tmp_path / "lab")
     done = python(

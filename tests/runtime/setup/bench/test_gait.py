@@ -25,6 +25,7 @@ def test_the_estimators_reach_their_goals_on_the_built_in_walk(command_line, sho
     assert set(report["gait"][0]["estimators"]["contact: time"]) == set(gait.CONDITIONS)
 
 
+@pytest.mark.soak
 def test_the_estimators_reach_their_goals_on_a_recorded_person(command_line):
     code, out, _ = command_line("bench", "gait", "--json", str(shared("gait/healthy_young.csv")))
     report = json.loads(out)

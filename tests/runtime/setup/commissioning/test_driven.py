@@ -13,6 +13,7 @@ from runtime.setup.commissioning.guided import driven
 from runtime.setup.commissioning.guided.bench import Result
 from tests.cext.imposed import Given
 from tests.cext.rigs import Rig
+from tests.soaking import soaked
 
 LEVER = 0.2  # m
 HEALTHY = {  # block, model, parameters
@@ -83,7 +84,7 @@ def carried_out(block, fades=(), start=0.0, **faults):
 
 
 @pytest.mark.hazard("H4i")
-@pytest.mark.parametrize("drive", HEALTHY)
+@pytest.mark.parametrize("drive", soaked(HEALTHY, but=[0, 7, 10, 13]))
 def test_the_torque_of_a_healthy_drive_agrees_though_replies_are_missing_for_100_ms(drive):
     block = block_of(*HEALTHY[drive])
     result, most = carried_out(block, fades=[(1.0, 1.1), (7.0, 7.1)])
