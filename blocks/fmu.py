@@ -53,6 +53,12 @@ class Fmu(Block):
         "the outputs to use, as {variable: unit} or {variable: (unit, lowest, highest value)}; by default all",
         dtype=dict,
     )
+    delayed = Param(
+        False,
+        "1",
+        "whether no output depends on inputs of the same tick: each is that at the end of the previous step",
+        fixed=True,
+    )
     step_time = Param(
         0.0,
         "s",
@@ -101,7 +107,11 @@ class Fmu(Block):
             ).named(port)
         used = {each.variable.name: each.dependencies for each in description.outputs}
         lists = [used.get(each.name) for each in given.values()]  # None: of unknown inputs
-        self.direct = {port: each for port, each in taken.items() if any(x is None or each in x for x in lists)}
+        self.direct = {
+            port: each
+            for port, each in taken.items()
+            if not self.delayed and any(x is None or each in x for x in lists)
+        }
         self.to_step = self.slave.transfers(list(self.direct.values()))
         self.to_update = self.slave.transfers(list(taken.values()))
         self.from_step = self.slave.transfers(list(given.values()))

@@ -56,7 +56,7 @@ def test_ports_have_the_names_units_ranges_and_feedthrough_of_the_file(spring, v
         ("1", "bool", None),
     ]
     assert list(Fmu(spring).outputs) == ["torque", "error", "negative", "instances"]
-    assert Fmu(spring).step_inputs() == ["knee_angle"]
+    assert Fmu(spring).step_inputs() == ["knee_angle"] and Fmu(spring, delayed=True).step_inputs() == []
     assert list(Fmu(spring, takes={"velocity": "rad/s"}).inputs) == ["velocity"]
     block = Fmu(vectors)
     assert block.inputs["motion"].shape == block.outputs["results"].shape == (2,)
@@ -67,6 +67,7 @@ def test_a_run_equals_the_simulation_of_fmpy_and_each_block_and_run_has_its_own_
     with diagram:
         for name, stiffness in (("soft", 5.0), ("first", 20.0), ("second", 20.0)):
             Fmu(spring, start={"stiffness": stiffness}, name=name)(angle, velocity)
+        Fmu(spring, delayed=True, name="delayed")(angle, velocity)
         Fmu(vectors, name="vectors")(stack(*(Sine(*each)() for each in ((0.7, 2.0), (3.0, 7.0)))))
     first, second = run(diagram, 200), run(diagram, 200)
     times = np.arange(200) / 200
@@ -79,7 +80,7 @@ def test_a_run_equals_the_simulation_of_fmpy_and_each_block_and_run_has_its_own_
             output_interval=1 / 200,
             start_values={"stiffness": stiffness},
             input=signals,
-            output=["torque"],
+            output=["torque", "error"],
         )
         assert np.ptp(expected["torque"]) > 5.0
         np.testing.assert_allclose(first[f"{name}.torque"], expected["torque"][:200], rtol=0.0, atol=1e-12)
@@ -88,6 +89,8 @@ def test_a_run_equals_the_simulation_of_fmpy_and_each_block_and_run_has_its_own_
         assert np.all(first[f"{name}.instances"] == 1)
         assert np.array_equal(first[f"{name}.negative"][1:], first[f"{name}.torque"][1:] < 0.0)
     assert np.array_equal(first["vectors.results[0]"], first["first.torque"])
+    assert np.array_equal(first["delayed.torque"], first["first.torque"])
+    np.testing.assert_allclose(first["delayed.error"], expected["error"][:200], rtol=0.0, atol=1e-12)
 
 
 FAULTS = {
