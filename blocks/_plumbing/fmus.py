@@ -98,19 +98,19 @@ class Slave:
                     logger=partial(note, self.log),
                     library_path=str(self.binary),
                 )
-            fmu.status = ERROR  # until it is in the state of the start
-            self.end = weakref.finalize(self, end, fmu)
-            categories = getattr(self.description, "logCategories", ())  # missing in FMPy 0.3.24 and older
-            if names := [each.name for each in categories if re.search("(?i)err|fatal", each.name)]:
-                fmu.setDebugLogging(True, names)
-            if self.version == 2:
-                fmu.setupExperiment(startTime=0.0)
-            for settable, enter in (
-                (simulation.settable_in_instantiated, fmu.enterInitializationMode),
-                (simulation.settable_in_initialization_mode, fmu.exitInitializationMode),
-            ):
-                start = simulation.apply_start_values(fmu, self.description, start, settable)
-                enter()
+                fmu.status = ERROR  # until it is in the state of the start
+                self.end = weakref.finalize(self, end, fmu)
+                categories = getattr(self.description, "logCategories", ())  # missing in FMPy 0.3.24 and older
+                if names := [each.name for each in categories if re.search("(?i)err|fatal", each.name)]:
+                    fmu.setDebugLogging(True, names)
+                if self.version == 2:
+                    fmu.setupExperiment(startTime=0.0)
+                for settable, enter in (
+                    (simulation.settable_in_instantiated, fmu.enterInitializationMode),
+                    (simulation.settable_in_initialization_mode, fmu.exitInitializationMode),
+                ):
+                    start = simulation.apply_start_values(fmu, self.description, start, settable)
+                    enter()
         except Exception as error:
             raise ValueError(f"it cannot be started: {self.reason(error)}") from None
         self.fresh, fmu.status = True, 0
@@ -174,11 +174,14 @@ class Slave:
         ended = self.call("doStep", self.time, step)  # of FMI 3: event, end of the simulation, early return, time
         self.time += step
         if ended and (ended[1] or ended[2]):
-            raise RuntimeError(f"the FMU ended its {'simulation' if ended[1] else 'step'} at {ended[3]:g} s")
+            what = "simulation" if ended[1] else "step"
+            raise RuntimeError(self.reason(Exception(f"the FMU ended its {what} at {ended[3]:g} s")))
 
     def call(self, function: str, *arguments: Any) -> Any:
         """Call a method of FMPy's FMU. Raises RuntimeError with the FMU's status and message."""
         self.fresh = False
+        if self.fmu.status:  # FMI allows no further call; hold_exceptions would make one
+            raise RuntimeError(": ".join(["the FMU has failed before", *self.log]))
         try:
             return getattr(self.fmu, function)(*arguments)
         except Exception as error:

@@ -116,6 +116,16 @@ def test_a_status_of_fmi_3_ends_the_run(vectors):
         assert words in str(run(diagram, 10).outcome.error)
 
 
+def test_an_fmu_that_has_failed_is_not_called_before_a_reset(spring):
+    block = Fmu(spring)
+    for mode, words in ((3, "fmi2DoStep returned error: no solution"), (0, "the FMU has failed before: no solution")):
+        with pytest.raises(RuntimeError, match=words):
+            block.update(0.005, 0.0, 0.0, mode)
+    block.reset()
+    block.update(0.005, 0.1, 0.0, 0)
+    assert block.step(0.0)[0] == -2.0
+
+
 def test_nan_passes_and_nan_infinity_and_numbers_beyond_a_type_do_not_reach_the_fmu(spring):
     block, other = Fmu(spring, gives=NUMBERS), Fmu(spring, gives=NUMBERS)
     outputs = []
