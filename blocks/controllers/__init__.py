@@ -2,6 +2,7 @@
 
 from blocks.controllers.gait import GaitPhase, TorqueProfile
 from blocks.controllers.joint import Admittance, DisturbanceObserver, FeedForward, GravityCompensation, Impedance
+from blocks.controllers.learning import IterativeLearning
 from blocks.controllers.pid import PD, PI, PID, P
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "GaitPhase",
     "GravityCompensation",
     "Impedance",
+    "IterativeLearning",
     "P",
     "PD",
     "PI",

@@ -118,6 +118,13 @@ SHOWN = {
     ),
     "FootContact": Shown(inputs={"heel": "0.7 * walker.left_ground_force[1]"}),
     "Gain": Shown({"gain": 2.5}),
+    "IterativeLearning": Shown(  # the command to a drive that gives 70 % of it, 50 ms later
+        {"lead": 0.05},
+        {"phase": "walker.left_phase", "reference": "PeakProfile()(walker.left_phase)", "measurement": "plant.y"},
+        duration=12.0,
+        plant='Delay(10, name="plant")',
+        closing="0.7 * (PeakProfile()(walker.left_phase) + command.command)",
+    ),
     "GaitState": Shown(duration=8.0, walker='speed="0:0 2:0 4:1.2"'),
     "GyroEvents": Shown(inputs={"velocity": "walker.left_shank_motion[7]"}),
     "GravityCompensation": Shown(  # of the weight of the limb, which then stays where it is left
