@@ -24,6 +24,12 @@ def names(schedule) -> list[str]:
         *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
 
 
+def python_steps(schedule) -> bytes:
+    """Return whether each item is a step in Python, as a byte."""
+    flags = [step.kernel is None for step in (*schedule.output, *schedule.update)]
+    return bytes(FIRST_STEP) + bytes(flags) + bytes(len(schedule.devices))
+
+
 def time_of_lap(int64_t laps=20000) -> float:
     """Return the time of one clock reading with its histogram, in s."""
     cdef Histogram histogram

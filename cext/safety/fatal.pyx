@@ -20,6 +20,9 @@ from cext.posix cimport (
     sigaction, sigaltstack, siginfo_t, stack_t,
 )
 
+cdef extern from "Python.h" nogil:
+    void PyErr_SetInterrupt()
+
 cdef enum:
     FATAL = 5
     STACK = 65536                           # bytes
@@ -35,6 +38,8 @@ cdef const CodeMap *code = NULL
 cdef const int32_t *at = NULL               # present item of the stopwatch; NULL outside a run
 cdef bytes lines = b""                      # names of the items
 cdef const char *names = NULL               # the text of `lines`
+cdef bytes kinds = b""                      # whether each item is a step in Python
+cdef const char *steps = NULL               # the bytes of `kinds`
 
 
 cdef void leave(const char *what, const char *where) noexcept nogil:
@@ -61,8 +66,15 @@ cdef void on_exit() noexcept nogil:
 
 
 cdef void end_hung() noexcept nogil:
-    """End the process if a step of the loop executes: for a signal after one that the loop has not responded to."""
-    if at != NULL and at[0] >= 0 and not is_child():
+    """End a step of the loop that executes: for a signal after one that the loop has not responded to.
+
+    Python code gets a KeyboardInterrupt; a library cannot be interrupted, and ends the process.
+    """
+    if at == NULL or at[0] < 0 or is_child():
+        return
+    if steps[at[0] & ~IN_RUN]:
+        PyErr_SetInterrupt()
+    else:
         leave(b"tickwork: the process was ended by a second signal: the run hangs", b" in ")
 
 
@@ -83,20 +95,21 @@ cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept n
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *present, items) except -1:
+cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *present, items, bytes python) except -1:
     """Raise the fence and report the end on fatal signals and exit() from now on. The calling thread is the loop's.
 
     layout : NULL without shared state, and so without reports of signals
     map : steps of the machine code, or NULL
     present : item of the stopwatch that the loop executes, below 0: none
     items : names of the items
+    python : whether each is a step in Python, as a byte
     """
-    global shared, loop, code, at, lines, names
+    global shared, loop, code, at, lines, names, kinds, steps
     cdef action install
     cdef stack_t own
     cdef int index
     lines = "\n".join([*items, ""]).encode()
-    names = lines
+    names, kinds, steps = lines, python, python
     shared, loop, code, at = layout, pthread_self(), map, present
     if layout == NULL:
         return 0

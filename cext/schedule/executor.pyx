@@ -42,7 +42,7 @@ from cext.schedule.tick cimport TickBody
 from cext.schedule.lifecycle cimport ENDED, Waiting
 from cext.schedule.watchdog cimport Watchdog
 
-from cext.clock.stopwatch import names
+from cext.clock.stopwatch import names, python_steps
 from cext.schedule.outcome import name_of
 
 
@@ -245,7 +245,8 @@ cdef class Executor(Waiting):
 
     cdef int begin_watch(self) except -1:
         self.watchdog.start()
-        take_fatal(self.layout, self.control.code_map(), self.control.at, names(self.control.schedule))
+        take_fatal(self.layout, self.control.code_map(), self.control.at, names(self.control.schedule),
+            python_steps(self.control.schedule))
         # else a signal that Python has caught would wait for the end of the run
         PyErr_CheckSignals()
         return 0

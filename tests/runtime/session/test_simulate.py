@@ -363,6 +363,28 @@ def test_a_signal_ends_the_run_and_then_has_its_usual_effect(number, status):
     assert 50 <= seen[-1] < 60
 
 
+@pytest.mark.paced
+def test_a_second_interrupt_ends_a_python_block_that_does_not_return():
+    waited = []
+
+    def hang(tick):
+        if tick == 5:
+            threading.Thread(target=strike).start()
+            while len(waited) < 3000:  # sleeping: without the GIL
+                time.sleep(0.01)
+                waited.append(tick)
+        return 0.0
+
+    def strike():
+        for pause in (0.1, 1.2):
+            time.sleep(pause)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        runtime.run(calling(hang), 1)
+    assert len(waited) < 1000
+
+
 def test_outside_the_main_thread_signals_stay_with_the_program():
     caught, ticks = [], []
     before = signal.signal(signal.SIGUSR1, lambda number, frame: caught.append(number))
