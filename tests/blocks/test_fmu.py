@@ -58,7 +58,8 @@ def test_ports_have_the_names_units_ranges_and_feedthrough_of_the_file(spring, v
     assert list(Fmu(spring).outputs) == ["torque", "error", "negative", "instances"]
     assert Fmu(spring).step_inputs() == ["knee_angle"] and Fmu(spring, delayed=True).step_inputs() == []
     assert list(Fmu(spring, takes={"velocity": "rad/s"}).inputs) == ["velocity"]
-    block = Fmu(vectors)
+    block = Fmu(vectors, start={"motion": [0.1, 0.2]}, step_time=0.01)
+    assert block.inputs["motion"].default == [0.1, 0.2] and block.allowance == 0.01
     assert block.inputs["motion"].shape == block.outputs["results"].shape == (2,)
 
 
@@ -179,6 +180,7 @@ MISTAKES = {
     "start: stiffness must be from 0 to 100, got 200": {"start": {"stiffness": 200}},
     "start: stiffness must be a number, got 'soft'": {"start": {"stiffness": "soft"}},
     "start: torque cannot be set, it is a continuous output": {"start": {"torque": 1.0}},
+    "knee.angle has the unit rad in the FMU, and deg is stated": {"takes": {"knee.angle": "deg"}},
     "start: mode must be from -2.14748e+09 to 2.14748e+09, got 4294967296": {"start": {"mode": 2**32}},
 }
 
@@ -188,7 +190,7 @@ def test_a_mistake_in_a_parameter_is_refused(spring, words):
     assert words in str(refusal(lambda: Fmu(spring, **MISTAKES[words])))
 
 
-def test_other_files_and_an_fmu_for_another_computer_are_refused(tmp_path, spring, vectors):
+def test_other_files_computers_and_steps_are_refused_and_a_fixed_step_stays(tmp_path, spring, vectors):
     (tmp_path / "text.fmu").write_text("no FMU")
     assert "it is not an FMU that can be read: File is not a zip file" in str(refusal(Fmu, str(tmp_path / "text.fmu")))
     assert "there is no none.fmu" in str(refusal(Fmu, "none.fmu"))
@@ -201,6 +203,10 @@ def test_other_files_and_an_fmu_for_another_computer_are_refused(tmp_path, sprin
     file = fmus.repack(vectors, tmp_path / "fixed.fmu", fixed)
     with Diagram("fixed", rate=200):
         assert "fixed.fmu, 0.002 s, does not divide the tick of the block, 0.005 s" in str(refusal(Fmu, file))
+    with Diagram("steps", rate=250):
+        for block, time in ((Fmu(file), 0.004), (Fmu(vectors), 0.008)):
+            block.update(0.008, np.zeros(2), 0)  # after a tick that was skipped
+            assert block.slave.time == time
 
 
 def test_fast_mathematics_of_an_fmu_does_not_change_the_results_of_others(tmp_path):
