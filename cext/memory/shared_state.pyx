@@ -15,7 +15,7 @@ from cext.ring.mailbox cimport BY_KEYS, BY_PANEL, BY_SET
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.memory.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
-from cext.ring.sealed_memory import sealed_memory
+from cext.ring.sealed_memory import empty_memory, seal
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
@@ -34,14 +34,16 @@ cdef class SharedState:
 
     SharedState(capacity)                  creates it, with a ring of `capacity` bytes rounded up to a power of two
     SharedState(capacity, live=(n, text))  also with n live parameters, which the text (bytes) describes
+    SharedState(capacity, empty=fd)        creates it in an empty memory file, and closes that in the end
     SharedState(fd=fd)                     maps the file behind `fd`, which another process created
     """
 
-    def __cinit__(self, capacity=1 << 22, fd=None, live=(0, b"")):
+    def __cinit__(self, capacity=1 << 22, fd=None, live=(0, b""), empty=None):
         if fd is None:
             room = 1 << max(12, (int(capacity) - 1).bit_length())
             self.made_here = True
-            self.fd = sealed_memory("tickwork", sizeof(SharedLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
+            self.fd = empty_memory("tickwork") if empty is None else empty
+            seal(self.fd, sizeof(SharedLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
             self.map_file(room, live[0], len(live[1]))
             self.layout.capacity = room
             self.layout.tick = self.layout.at = -1

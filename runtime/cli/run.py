@@ -39,12 +39,20 @@ def main(arguments: Sequence[str]) -> int:
 
 def carry_out(request: Request) -> Result:
     """Carry out a run and print its problems. Returns its Result."""
-    from runtime.session.prepare import prepare
-    from runtime.session.session import Session
+    from runtime.record.recorder import RecorderProcess
 
-    prepared = prepare(request)
-    print_to_stderr(map(str, prepared.warnings))
-    return carry_out_session(Session(prepared, print_to_stderr))
+    # it starts on another processor while this one imports the compiler, loads the diagram and compiles it
+    waiting = None if request.fast else RecorderProcess()
+    try:
+        from runtime.session.prepare import prepare
+        from runtime.session.session import Session
+
+        prepared = prepare(request)
+        print_to_stderr(map(str, prepared.warnings))
+        return carry_out_session(Session(prepared, print_to_stderr, waiting=waiting))
+    finally:
+        if waiting is not None:
+            waiting.dismiss()
 
 
 def carry_out_session(session: Session) -> Result:

@@ -37,6 +37,11 @@ os._exit(0)  # the interpreter's own ending takes time that the parent waits for
 """
 
 
+def import_path() -> list[str]:
+    """Return the path from which this process imports, as absolute paths."""
+    return [os.path.abspath(entry) for entry in sys.path]
+
+
 class ChildProcess:
     """Child process, started at once in a session of its own.
 
@@ -52,10 +57,9 @@ class ChildProcess:
         answers, their_answers = os.pipe()
         control = os.pidfd_open(os.getpid())
         places = ",".join(map(str, (their_answers, control, *numbers)))
-        path = [os.path.abspath(entry) for entry in sys.path]
         try:
             self._child = subprocess.Popen(
-                [sys.executable, "-c", _BOOT, module, _ROOT, places, *path],
+                [sys.executable, "-c", _BOOT, module, _ROOT, places, *import_path()],
                 stdin=subprocess.PIPE,
                 pass_fds=(their_answers, control, *descriptors),
                 start_new_session=True,

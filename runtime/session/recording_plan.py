@@ -19,7 +19,6 @@ from graph import Actuator, Interval, Signal
 from graph.store import to_json
 from runtime.host.errors import BadInput
 from runtime.record.recorder import can_ask
-from runtime.robot.rig.records import digest, records_of
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule
@@ -151,6 +150,8 @@ def commissioned(rig: Path, compared: Compared | None) -> dict[str, Any]:
 
     compared : those of the units that respond, where they were asked
     """
+    from runtime.robot.rig.records import digest, records_of  # imports OpenSSL, for its hash: 4 MB
+
     try:
         found = records_of(rig) if compared is None else compared.records
     except BadInput as error:

@@ -43,6 +43,7 @@ class Session:
     say : function that shows lines to the operator before the run
     count_from : first tick in which missing replies are counted
     recorder : function that starts the recorder of a shared state; None for the usual one
+    waiting : RecorderProcess without a shared state that the run uses, None to start one
     """
 
     def __init__(
@@ -51,9 +52,11 @@ class Session:
         say: Callable[[list[str]], object] = lambda lines: None,
         count_from: int = 0,
         recorder: Callable[[SharedState], Recorder] | None = None,
+        waiting: RecorderProcess | None = None,
     ) -> None:
         self.prepared, self.say, self.count_from = prepared, say, count_from
         self.start_recorder = recorder or self.usual_recorder
+        self.waiting = waiting
 
     def carry_out(self) -> Result:
         """Arm, run and finish. Returns a Result; raises as `arm` does."""
@@ -67,7 +70,12 @@ class Session:
         prepared, request, rig = self.prepared, self.prepared.request, self.prepared.rig
         inhibitor = keys = None
         with ExitStack() as undo:
-            shared = SharedState(ring_bytes(prepared.schedule), live=describe(prepared.schedule))
+            waiting = self.waiting if self.waiting is not None and self.waiting.usable else None
+            shared = SharedState(
+                ring_bytes(prepared.schedule),
+                live=describe(prepared.schedule),
+                empty=None if waiting is None else waiting.memory,
+            )
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
                 inhibitor = SleepInhibitor(f"{prepared.diagram.name} drives motors")
@@ -75,7 +83,7 @@ class Session:
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(shared, prepared.schedule, prepared.diagram, priority)
             # before the priority, memory lock and processor of the loop
-            recorder = self.start_recorder(shared)
+            recorder = waiting or self.start_recorder(shared)
             undo.callback(recorder.abandon)
             realtime = Realtime(request.realtime or "off", request.priority or PRIORITY, request.cpu)
             undo.callback(realtime.release)

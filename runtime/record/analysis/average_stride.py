@@ -9,13 +9,12 @@ excluded and counted.
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
@@ -23,7 +22,6 @@ GRID = np.linspace(0.0, 1.0, POINTS)
 WRAP = 0.5  # decrease of the phase at the end of a stride
 STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
-INPUTS = ("phase", "walking", "angle", "velocity", "torque")
 PHASE, WALKING, ANGLE, VELOCITY, TORQUE, CONTACT = range(6)  # ground contact where it is measured
 
 
@@ -69,8 +67,8 @@ class AverageStride:
         """Add rows, in the order of ticks.
 
         ticks : array (rows,)
-        samples : array (rows, 5) of the INPUTS in s, rad, rad/s and N·m; walking is 1.0 where the phase is valid. A
-            sixth column is 1.0 while the foot is on the ground
+        samples : array (rows, 5) of stride_signals.INPUTS in s, rad, rad/s and N·m; walking is 1.0 where the phase is
+            valid. A sixth column is 1.0 while the foot is on the ground
         """
         if not len(ticks):
             return
@@ -194,21 +192,6 @@ class AverageStride:
                 },
             }
         return result
-
-
-def contact_of(names: Iterable[str], angle: str) -> str | None:
-    """Return the signal of the ground contact of a leg: the only `contact` in the subsystem of its angle, or None.
-
-    That of a block with "heel" in its name is not used: it ends before toe-off.
-
-    names : recorded signals
-    angle : the one that measures the angle of the joint
-    """
-    folder = angle.rpartition("/")[0]
-    found = [
-        name for name in names if re.fullmatch(rf"{re.escape(folder and folder + '/')}(?!.*heel).*\.contact", name)
-    ]
-    return found[0] if len(found) == 1 else None
 
 
 def left_out_text(result: dict[str, Any]) -> str:

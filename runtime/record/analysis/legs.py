@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runtime.host.errors import BadInput
-from runtime.record.analysis.average_stride import INPUTS, AverageStride, Stride, contact_of
+from runtime.record.analysis.average_stride import AverageStride, Stride
 from runtime.record.analysis.resample import at_ticks
+from runtime.record.analysis.stride_signals import INPUTS, contact_of
 from runtime.record.analysis.strides import beginnings, interval, phase_of
 from runtime.record.storage.messages import split
 

@@ -1,6 +1,7 @@
 """The recorder: a process that drains the ring of a run into files, viewers and the terminal.
 
-    recorder = RecorderProcess(shared)    # starts while the diagram is compiled
+    recorder = RecorderProcess()          # starts while the diagram is loaded and compiled
+    shared = SharedState(capacity, empty=recorder.memory)
     recorder.configure(plan)              # returns once all files are open
     ...                                   # the run
     shared.close()
@@ -23,9 +24,10 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from runtime.host.child_process import ChildProcess
+from runtime.host.child_process import ChildProcess, import_path
 from runtime.host.console.keys import own_terminal
 from runtime.host.console.stderr import Terminal
+from runtime.host.descriptors import identity
 from runtime.record.storage.ascii_units import ascii_name
 
 if TYPE_CHECKING:
@@ -58,6 +60,13 @@ def can_ask() -> bool:
     return Terminal().interactive
 
 
+def working_folder() -> str | None:
+    """Return the working folder, None if it was deleted."""
+    with suppress(OSError):
+        return os.getcwd()
+    return None
+
+
 class RecorderError(Exception):
     """The recording cannot be made. The text is the reason in one line."""
 
@@ -65,19 +74,26 @@ class RecorderError(Exception):
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
-    shared : cext.memory.shared_state.SharedState
+    shared : cext.memory.shared_state.SharedState, None if it is made later
     companion : file descriptor of its connection to a companion (see runtime.record.recorder.companion); -1 without one
+    memory : file descriptor of the shared state, an empty memory file until it is made
     lifeline : file descriptor that hangs up once no process reads the ring
     terminal : file descriptor of the terminal of this process, None without one
     pid : process id
     files : [{path, note}] of the files that it has opened
     """
 
-    def __init__(self, shared: SharedState, companion: int = -1) -> None:
+    def __init__(self, shared: SharedState | None = None, companion: int = -1) -> None:
+        if shared is None:
+            from cext.ring.sealed_memory import empty_memory
+
+        self.memory = empty_memory("tickwork") if shared is None else shared.fd
+        self._memory_file = identity(self.memory)
         self.terminal = own_terminal()
         keys = -1 if self.terminal is None else self.terminal
-        inherited = [descriptor for descriptor in (shared.fd, keys, companion) if descriptor >= 0]
-        super().__init__("runtime.record.recorder.process", (shared.fd, keys, companion), tuple(inherited))
+        numbers = (os.getpid(), self.memory, keys, companion)
+        inherited = tuple(descriptor for descriptor in numbers[1:] if descriptor >= 0)
+        super().__init__("runtime.record.recorder.process", numbers, inherited)
         self.files: list[dict[str, str]] = []
         self._over = self._planned = False
 
@@ -91,7 +107,8 @@ class RecorderProcess(ChildProcess):
             for sink in plan["sinks"]
         ]
         self._planned = True
-        order = json.dumps({**plan, "sinks": sinks}).encode() + b"\n"
+        surroundings = {"folder": working_folder(), "path": import_path(), "environment": dict(os.environ)}
+        order = json.dumps({**plan, "sinks": sinks, "surroundings": surroundings}).encode() + b"\n"
         try:
             self._send(order)
             answer = self._answer(READY_TIMEOUT)
@@ -107,6 +124,16 @@ class RecorderProcess(ChildProcess):
             self._end()
             raise RecorderError(answer["error"])
         self.files = answer["files"]
+
+    @property
+    def usable(self) -> bool:
+        """Whether it waits for its plan. Code of this process may have ended it, or closed its descriptors."""
+        return self.connected and self.alive and identity(self.memory) == self._memory_file
+
+    def dismiss(self) -> None:
+        """End the process if it has received no plan."""
+        if not self._planned:
+            self.abandon()
 
     @property
     def alive(self) -> bool:

@@ -32,6 +32,14 @@ class PlanBefore(TypedDict):
     kept: dict[str, dict[str, Any]]  # {path of a sink: what its service passes on}
 
 
+class Surroundings(TypedDict):
+    """What user code may change before the plan is sent, and the recorder process takes over."""
+
+    folder: str | None  # working folder, None if it was deleted
+    path: list[str]  # of imports
+    environment: dict[str, str]
+
+
 class _Plan(TypedDict):
     name: str  # of the diagram
     stem: str  # of the files
@@ -66,6 +74,7 @@ class Plan(_Plan, total=False):
     secret: str  # from which the tokens of a panel are made
     phases: dict[str, str]  # {gait phase: what is true while it is known}, for a panel
     drawing: str | None  # SVG of the diagram, for a panel
+    surroundings: Surroundings  # of the control process; services do not see it
     part: int  # 1 by default; later ones follow the death of a writer
     before: PlanBefore
     stopped: bool  # whether a signal has ended the run, for `Service.conclude`

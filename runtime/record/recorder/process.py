@@ -16,6 +16,8 @@ import json
 import os
 import select
 import signal
+import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -36,7 +38,7 @@ from runtime.record.recorder.writer import answer, write
 from runtime.record.storage.files import STOPPED_EARLY
 
 if TYPE_CHECKING:
-    from runtime.record.recorder.plan_types import Plan, PlanBefore
+    from runtime.record.recorder.plan_types import Plan, PlanBefore, Surroundings
 
 ORDERS_DESCRIPTOR = 0  # standard input
 RESTART_LIMIT = 3
@@ -51,8 +53,8 @@ class Control:
     abandoned : whether it has ordered to discard the recording
     """
 
-    def __init__(self, pidfd, shared, mark):
-        self.pidfd, self.shared, self.mark = pidfd, shared, mark
+    def __init__(self, pidfd, pid, shared, mark):
+        self.pidfd, self.pid, self.shared, self.mark = pidfd, pid, shared, mark
         self.gone = self.abandoned = self.hung_up = False
         self.received = b""
         self.poll = select.poll()
@@ -74,7 +76,7 @@ class Control:
                 self.hung_up = True
             self.abandoned = self.abandoned or self.received.endswith(b"abandon\n")
         if self.hung_up and not self.gone:  # a hang-up alone: end of the run, or a block has closed descriptors
-            self.gone = not maps(self.shared.control, self.shared.fd)
+            self.gone = not maps(self.pid, self.shared)
 
     def plan(self) -> Plan | None:
         """Return the plan, which is the first order; None if the run ends before it."""
@@ -84,28 +86,40 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(answers: int, control: int, shared: int, keys: int, companion: int) -> None:
+def main(answers: int, control: int, pid: int, shared: int, keys: int, companion: int) -> None:
     """Run the recorder process.
 
     answers : file descriptor of the pipe to the control process
-    control : pidfd of the control process
-    shared : file descriptor of the shared state
+    control, pid : pidfd and ID of the control process
+    shared : file descriptor of the shared state, which exists once the plan arrives
     keys : file descriptor of the terminal, or -1
     companion : file descriptor of the connection to a companion, or -1
     """
     ignore_signals()
     be_ordinary()
-    state = SharedState(fd=shared)
-    mark = own_mark(state.control)
+    mark = own_mark(pid)
     remove_mark()
-    orders = Control(control, state, mark)
+    orders = Control(control, pid, shared, mark)
     plan = orders.plan()
     if plan is None:
         return
+    follow(plan.pop("surroundings"))
+    state = SharedState(fd=shared)
     name_process("tickwork-parts")
     record_parts(state, answers, orders, keys, companion, plan)
     if has_ended(control):  # after the writer has seen it alive
         end_marked(mark)
+
+
+def follow(surroundings: Surroundings) -> None:
+    """Take over the folder, path and environment of the control process, which its user code may have changed."""
+    if surroundings["folder"] is not None:
+        os.chdir(surroundings["folder"])
+    sys.path[:] = surroundings["path"]
+    os.environ.update(surroundings["environment"])
+    for name in set(os.environ).difference(surroundings["environment"]):
+        del os.environ[name]
+    time.tzset()
 
 
 def record_parts(shared: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: Plan) -> None:

@@ -157,3 +157,21 @@ def test_a_working_folder_that_was_deleted_is_reported(tmp_path):
     assert process.returncode == 2 and path.exists()
     assert process.stderr == "tickwork: the working folder was deleted: change to another folder\n", process.stderr
     assert os.listdir(tmp_path) == ["robot.py"]
+
+
+@pytest.mark.paced
+@pytest.mark.parametrize(
+    "does, code",
+    [("os.closerange(3, 1024)", 0), ("os.system('kill -9 $(pgrep -P $PPID -f recorder.process)')", 0), ("1 / 0", 2)],
+)
+def test_a_diagram_cannot_break_the_recorder_that_waits_for_it(tmp_path, does, code):
+    """It waits while the diagram is loaded; another starts where it cannot be used, and without a run it ends."""
+    path = knee(tmp_path)
+    path.write_text(path.read_text().replace("import math", f"import math, os\n\n{does}\n", 1))
+    words = (path, "--duration", "0.2", "--record", "out")
+    process = finished(*words, cwd=tmp_path, cold=True, RUN_TAG=str(tmp_path))
+    assert process.returncode == code, process.stderr
+    assert_no_process(str(tmp_path))
+    if code == 0:
+        files = Files(tmp_path / "out")
+        assert process.stderr == "" and files.sidecar["ended"] == "ok" and len(files.table["tick"]) > 20

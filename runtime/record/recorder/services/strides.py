@@ -6,16 +6,16 @@ Each part of a recording has its own average; `plot --strides` reads all parts.
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from runtime.host.replaced_file import replacement
-from runtime.record.analysis.average_stride import INPUTS, AverageStride, contact_of
+from runtime.record.analysis.stride_signals import INPUTS, contact_of
 from runtime.record.recorder.service import Service
 from runtime.record.storage.files import create
 
 if TYPE_CHECKING:
+    from runtime.record.analysis.average_stride import AverageStride
     from runtime.record.recorder.plan_types import Plan
 
 BLOCK_ROWS = 1024
@@ -35,7 +35,17 @@ class StrideAverage(Service):
             self.columns += [index for index, source in sources.items() if source == contact]
         path = self.sink["path"]
         self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
-        self.average, self.rows = AverageStride(self.plan["rate"]), []
+        self.rows = []
+
+    @cached_property
+    def average(self) -> AverageStride:
+        """The average. Its first use imports NumPy, which takes 0.1 s: after the files are open."""
+        from runtime.record.analysis.average_stride import AverageStride
+
+        return AverageStride(self.plan["rate"])
+
+    def begin(self, about: dict[str, Any]) -> None:
+        self.average  # noqa: B018
 
     def records(self, batch: Any) -> None:
         if batch.rows:
@@ -45,6 +55,8 @@ class StrideAverage(Service):
 
     def add_rows(self) -> None:
         """Add the rows that have arrived to the average."""
+        import numpy as np
+
         rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(self.columns))
         self.average.add(rows[:, 1].astype(np.int64), rows[:, 2:])
         self.rows.clear()

@@ -8,8 +8,8 @@ import pytest
 
 import runtime
 from runtime.host.errors import OK
-from runtime.record.analysis.average_stride import contact_of
 from runtime.record.analysis.legs import legs
+from runtime.record.analysis.stride_signals import contact_of
 from tests.runtime.record.analysis.test_plots import drawn
 from tests.runtime.record.recorder.running import CSV, columns, plan, record, row, sink
 from tests.soaking import soaked

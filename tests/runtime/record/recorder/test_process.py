@@ -420,6 +420,39 @@ def test_an_abandoned_recording_leaves_no_files(tmp_path, configured):
     assert ends_by_itself(recorder.pid, 0.0)
 
 
+def test_a_recorder_that_waits_takes_over_what_the_loading_of_a_diagram_changes(tmp_path, monkeypatch):
+    """Its process starts before the diagram is loaded, whose code can change folder, path and environment."""
+    recorder = RecorderProcess()
+    libraries, work = tmp_path / "libraries", tmp_path / "work"
+    libraries.mkdir()
+    work.mkdir()
+    (libraries / "spy.py").write_text(
+        "import os, time\nfrom runtime.record.recorder.service import Service\n\nclass Spy(Service):\n"
+        "    def close(self):\n        return {'environment': ascii(os.environ), 'zone': time.tzname[0]}\n"
+    )
+    monkeypatch.chdir(work)
+    monkeypatch.syspath_prepend(libraries)
+    monkeypatch.setenv("ADDED", "\udcff text")
+    monkeypatch.setenv("TZ", "XYZ-5")
+    monkeypatch.delenv("PATH")
+    assert recorder.usable
+    shared = SharedState(1 << 20, empty=recorder.memory)
+    recorder.configure(plan("out", sink("spy:Spy", "spy", SIGNALS)))
+    recorder.dismiss()  # does nothing: the recorder has its plan
+    assert shared.push(*row(0, 1.0))
+    shared.close()
+    report = recorder.finish()
+    assert report["sinks"]["spy"] == {"environment": ascii(os.environ), "zone": "XYZ"} and report["problems"] == []
+    assert report["ticks"] == 1 and (work / "out" / "bench_1.mcap").exists()
+
+
+def test_a_recorder_without_a_run_is_dismissed(tmp_path):
+    recorder = RecorderProcess()
+    recorder.dismiss()
+    assert ends_by_itself(recorder.pid, 0.0) and not recorder.usable
+    os.close(recorder.memory)
+
+
 def test_a_control_process_that_dies_before_the_run_leaves_no_files(tmp_path):
     script = (
         "import os, sys\nfrom cext.memory.shared_state import SharedState\n"
