@@ -67,7 +67,7 @@ endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 # Two workers more than processors, since many tests wait for a process; types are checked beside them. Tests that wait in real
-# time (marked `paced`) follow, with nothing beside them, in one worker more than processors. Those that measure time (`timing`) run
+# time (marked `paced`) follow, with nothing beside them, in two workers more than processors. Those that measure time (`timing`) run
 # one at a time. Only the files of these are collected: the collection of all takes 7 s.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test $(VENV)/stubs
@@ -76,7 +76,7 @@ test: $(VENV)/installed-test $(VENV)/stubs
 	$(pyright) >build/types 2>&1 & types=$$!
 	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 2)) --dist worksteal -m 'not soak and not paced and not timing'
 	wait $$types || { cat build/types; exit 1; }
-	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'paced and not soak' $(call marked,paced)
+	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 2)) --dist worksteal -m 'paced and not soak' $(call marked,paced)
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
 
 golden: $(VENV)/installed-test $(VENV)/stubs

@@ -81,6 +81,7 @@ def test_a_package_beside_the_diagram_with_the_name_of_a_library_is_named(instal
     assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py has the name")
 
 
+@pytest.mark.soak
 def test_a_diagram_may_have_the_name_of_an_unused_module(installed, lab):
     (lab / "wave.py").write_text(WAVE)
     (lab / "sunau.py").write_text("raise SystemExit(0)\n")

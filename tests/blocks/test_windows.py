@@ -70,6 +70,7 @@ def test_a_moving_average_does_not_drift_over_a_million_samples(million, number,
         assert abs(average - mean) <= 2.0 * math.ulp(mean) + 1e-25 * largest
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("length, number", crossed(LENGTHS, range(3)))
 def test_a_moving_rms_does_not_drift_over_a_million_samples(million, number, length):
     u, y = million[0][:, number], million[1][MovingRMS, length][:, number]

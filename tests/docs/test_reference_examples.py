@@ -67,6 +67,7 @@ def test_the_table_has_every_script_with_its_lines_and_each_program_with_its_own
     assert own == {file: len(text.splitlines()) for file, text in PROGRAMS.items()}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("file", soaked(list(PROGRAMS), but=[0]))
 def test_a_program_runs_from_the_command_line_with_another_drive(file, tmp_path):
     (tmp_path / file).write_text(PROGRAMS[file])

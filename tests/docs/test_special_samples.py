@@ -203,6 +203,7 @@ def test_the_optimisation_from_python_has_an_optimum(study, monkeypatch):
         exec(use.replace("run(324)", "run(1)"), names)
 
 
+@pytest.mark.soak
 def test_the_protocol_in_virtual_time_prints_what_the_page_shows(study):
     pytest.importorskip("cma")
     page = (DOCS / "how_to" / "optimisation.md").read_text()
@@ -215,6 +216,7 @@ def test_the_protocol_in_virtual_time_prints_what_the_page_shows(study):
     assert all(agree(line, text) for line, text in zip(shown, printed, strict=True)), printed
 
 
+@pytest.mark.soak
 def test_the_loop_of_the_page_has_its_margins(tmp_path, monkeypatch):
     pytest.importorskip("control")
     page, names = (DOCS / "how_to" / "analysis.md").read_text(), {}
@@ -229,6 +231,7 @@ def test_the_loop_of_the_page_has_its_margins(tmp_path, monkeypatch):
     assert names["point"].outputs["shank.position"] == pytest.approx(0.5) and names["system"].poles().size
 
 
+@pytest.mark.soak
 def test_the_rates_of_the_page_are_those_of_the_command(tmp_path):
     page = (DOCS / "reference" / "rate.md").read_text()
     table = re.findall(r"^\| (?:Tickwork's zero|`8000).*?\|((?: \d+ \|)+)$", page, re.MULTILINE)

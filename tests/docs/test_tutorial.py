@@ -83,6 +83,7 @@ def channel():
     return f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
 
 
+@pytest.mark.soak
 @pytest.mark.timing
 def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
     with Reader(tmp_path, channel(), pause=0.4, options=("--set", "knee.timeout=0.5")) as reader:

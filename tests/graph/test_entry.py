@@ -47,6 +47,7 @@ def test_the_exit_code_is_that_of_the_command_line(wave):
     assert_one_line(started(wave, "--duration", "minus"), "--duration")
 
 
+@pytest.mark.soak
 def test_a_file_with_build_calls_main_without_a_diagram(wave):
     body = (
         WAVE.replace("\nwith", "\ndef build(rate=100):\n  with")

@@ -133,6 +133,7 @@ def test_commands_of_the_pages_run(tmp_path):
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
 
 
+@pytest.mark.soak
 def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
     for _ in range(2):

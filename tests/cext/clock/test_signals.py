@@ -178,7 +178,7 @@ def test_an_unrelated_signal_neither_ends_the_run_nor_shortens_a_tick():
     assert signal.SIGUSR2 in told["during"] + told["after"]
 
 
-@pytest.mark.parametrize("how", ["ignoring", "blocking"])
+@pytest.mark.parametrize("how", soaked(["ignoring", "blocking"], but=[1]))
 def test_a_block_that_ignores_or_blocks_signals_cannot_prevent_the_end_of_the_run(how):
     def twice(child):
         child.send_signal(signal.SIGINT)  # the first may fall into the step itself

@@ -112,7 +112,9 @@ def stop_after(shared, seconds):
 @pytest.mark.hazard("H4a")
 @pytest.mark.parametrize("seconds", [SECONDS, LONG])
 @pytest.mark.parametrize(
-    "attacks", [(post_and_withdraw,), (post_and_withdraw, damage_kind)], ids=["correct", "with damaged kinds"]
+    "attacks",
+    [pytest.param((post_and_withdraw,), marks=pytest.mark.soak), (post_and_withdraw, damage_kind)],
+    ids=["correct", "with damaged kinds"],
 )
 def test_another_process_that_posts_changes_never_arms_a_robot_that_waits(seconds, attacks):
     def work():

@@ -23,6 +23,7 @@ def test_the_kernel_of_the_page_is_compiled_beside_its_source_and_runs(tmp_path)
     assert python("square.py", cwd=folder, path=site).stdout == "[1. 9.]"
 
 
+@pytest.mark.soak
 def test_a_source_with_an_error_and_a_missing_one_are_reported(tmp_path):
     (tmp_path / "wrong.pyx").write_text("cdef int 3x")
     process = python(*RUN, "build", "wrong.pyx", cwd=tmp_path)

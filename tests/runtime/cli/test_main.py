@@ -184,7 +184,9 @@ def test_unusable_gait_file_is_reported(command_line):
     )
 
 
-@pytest.mark.parametrize("where", ["", "robot.py", "robot.py/below", "/proc", "/proc/below", "/sys/below", "/dev/null"])
+@pytest.mark.parametrize(
+    "where", soaked(["", "robot.py", "robot.py/below", "/proc", "/proc/below", "/sys/below", "/dev/null"], but=[1, 3])
+)
 def test_a_folder_that_cannot_be_written(command_line, where):
     knee(command_line.folder)
     complaint = command_line.refused("robot.py", "--duration", "1", "--record", where)
@@ -509,6 +511,7 @@ def test_output_is_adapted_to_the_encoding_of_the_terminal(tmp_path):
     assert process.returncode == OK and "knee: 1 s at 200 Hz" in process.stdout and process.stdout.isascii()
 
 
+@pytest.mark.soak
 def test_the_packages_may_be_anywhere(tmp_path):
     """Nothing depends on where the checkout lies or what the working folder is called."""
     process = finished(KNEE_EXO, "--fast", "--duration", "0.5", "--no-record", cwd="/", cold=True)

@@ -105,7 +105,7 @@ def knee_that(folder, expression):
 
 
 @pytest.mark.timing
-@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+@pytest.mark.parametrize("number", soaked(ENDING_SIGNALS, but=[0, 1]), ids=lambda number: number.name)
 def test_a_run_ends_within_150_ms_of_every_signal_with_a_summary(tmp_path, number):
     """One of its blocks raises an exception whose text never returns."""
     path = knee_that(tmp_path, "(_ for _ in ()).throw(Broken())")
@@ -164,7 +164,7 @@ def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", soaked([signal.SIGTERM, signal.SIGKILL], but=[1]))
 def test_emulated_drives_end_with_their_benchmark(tmp_path, number):
     process = started("bench", "bus", cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     patient(lambda: descendant(process.pid, "runtime.setup.bench.drives"), 60.0)
@@ -274,7 +274,7 @@ STARTS = ("check", "run", "rate", "bench", "plot", "convert")
 
 @pytest.mark.timing
 @pytest.mark.parametrize("starts", [2, pytest.param(40, marks=pytest.mark.soak)])
-@pytest.mark.parametrize("command", soaked(STARTS, but=[0, 1]))
+@pytest.mark.parametrize("command", soaked(STARTS, but=[0]))
 def test_a_signal_at_any_time_of_the_start_ends_the_command(recording, tmp_path, command, starts):
     path, draw = knee(tmp_path), random.Random(STARTS.index(command))
     arguments = {

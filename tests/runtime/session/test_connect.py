@@ -21,6 +21,7 @@ from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, write
 from tests.runtime.session.test_own_process import sent
 from tests.runtime.terminals import patient
+from tests.soaking import soaked
 
 paced = pytest.mark.paced
 
@@ -188,7 +189,9 @@ def test_fault_of_a_drive_ends_the_loop_with_its_report(bus):
 
 
 @paced
-@pytest.mark.parametrize("end", ["tick > 100 and os.kill(os.getpid(), 9)", "tick > 100 and os._exit(0)"])
+@pytest.mark.parametrize(
+    "end", soaked(["tick > 100 and os.kill(os.getpid(), 9)", "tick > 100 and os._exit(0)"], but=[0])
+)
 def test_robot_is_stopped_when_the_program_dies(bus, folder, end):
     with FORKING.Popen([sys.executable, "-c", PROGRAM % end], cwd=folder, env=environment()) as program:
         bus.await_torque()

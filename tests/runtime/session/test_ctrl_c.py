@@ -51,7 +51,7 @@ with runtime.connect(sys.argv[1], fast=False, loop_timeout=20.0) as robot:
 BEGIN_OF_CALL = re.compile(r' +File "[^"]+/runtime/host/interrupts\.py", line \d+, in call\n +def call\(.*\n')
 OWN = "runtime.check(sys.argv[1]); print('checked', flush=True); time.sleep(20.0)"
 
-MOMENTS = soaked([0.02 * step for step in range(20)] + [0.5, 0.7, 1.0, 1.5], but=[7, 19, 22])  # s, of the start
+MOMENTS = soaked([0.02 * step for step in range(20)] + [0.5, 0.7, 1.0, 1.5], but=[7, 22])  # s, of the start
 
 
 class Program:
@@ -87,13 +87,12 @@ def test_a_run_in_real_time_is_stopped_without_a_traceback(tmp_path, after):
     assert_ends_with_one_line(Program(tmp_path, REAL_TIME, as_file=True), after)
 
 
-@pytest.mark.parametrize(
-    "name, after", soaked(list(itertools.product(CALLS, [0.0, 0.1, 0.3, 0.8])), but=[2, 4, 11, 21])
-)
+@pytest.mark.parametrize("name, after", soaked(list(itertools.product(CALLS, [0.0, 0.1, 0.3, 0.8])), but=[4, 11]))
 def test_every_other_call_is_stopped_without_a_traceback(tmp_path, name, after):
     assert_ends_with_one_line(Program(tmp_path, CALLS[name]), after)
 
 
+@pytest.mark.soak
 def test_a_loop_that_is_interrupted_in_the_programs_own_code_names_its_recording(tmp_path):
     program = Program(tmp_path, SLOW_LOOP)
     assert "in the loop\n" in iter(program.process.stdout.readline, "")
@@ -160,6 +159,7 @@ def test_an_interrupt_at_any_place_of_a_step_ends_the_loop_with_a_safe_stop(tmp_
     assert profile.left > 0 and count > 10
 
 
+@pytest.mark.soak
 def test_an_interrupt_outside_every_call_is_shown_by_python(tmp_path):
     program = Program(tmp_path, OWN)
     assert program.process.stdout.readline() == "checked\n"

@@ -78,6 +78,7 @@ class Kernel:
         return self.run("import psutil; [child.name() for child in psutil.Process().children(recursive=True)]")[1]
 
 
+@pytest.mark.soak
 def test_a_cell_simulates_and_shows_the_trial(kernel):
     streams, result, error = kernel.run(SIMULATED)
     assert (streams, error) == ("", "") and "1000 at 200 Hz, 5 s" in result["text/html"]
@@ -105,6 +106,7 @@ def test_the_interrupt_stops_the_robot_safely_and_leaves_the_kernel_alive(kernel
     assert kernel.run("answer")[1]["text/plain"] == "42" and kernel.children["text/plain"] == "[]"
 
 
+@pytest.mark.soak
 def test_a_rig_is_armed_by_the_input_field_of_the_notebook(kernel, folder):
     with Bus(folder, number=12) as bus:
         request = kernel.start(ON_A_RIG.format(more=", duration=0.3"), allow_stdin=True)

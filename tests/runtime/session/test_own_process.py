@@ -141,6 +141,7 @@ def test_a_rig_is_armed_after_the_answer_to_input(bus, monkeypatch, capsys):
     assert sent(trial)[-2:] == [NOTHING, DISABLE]
 
 
+@pytest.mark.soak
 @paced
 def test_without_a_confirmation_nothing_is_armed(bus, monkeypatch):
     def nothing(prompt):

@@ -28,6 +28,7 @@ from tests.runtime.runs import (
     started,
     torque_of,
 )
+from tests.soaking import soaked
 
 RATE = 200.0
 SIDES = {"left": 1, "right": 2}
@@ -135,7 +136,16 @@ def test_only_the_recording_remains(walked):
 @pytest.mark.hazard("H9a")
 @pytest.mark.parametrize(
     "number, code",
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGQUIT, 131), (signal.SIGUSR1, 138)],
+    soaked(
+        [
+            (signal.SIGINT, 130),
+            (signal.SIGTERM, 143),
+            (signal.SIGHUP, 129),
+            (signal.SIGQUIT, 131),
+            (signal.SIGUSR1, 138),
+        ],
+        but=[0, 1, 3],
+    ),
 )
 def test_a_signal_in_the_middle_ends_in_the_safe_stop(tmp_path, number, code):
     with Listener() as listener:

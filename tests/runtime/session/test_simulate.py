@@ -422,6 +422,7 @@ def test_a_run_inside_another_run_works():
     assert runtime.run(calling(nested), 0.1)["gain.y"].max() == pytest.approx(2.0)
 
 
+@pytest.mark.soak
 @pytest.mark.timing
 def test_a_minute_of_the_knee_exoskeleton_takes_little_more_than_its_ticks():
     """Processor time, because other processes run as well. The ticks alone record nothing."""

@@ -21,7 +21,7 @@ LAW = "if tick >= 40: open('running', 'w').close()\n        return 2.0 * math.si
 
 
 @pytest.mark.paced
-@pytest.mark.parametrize("duration", ["1.0", "0.5"], ids=["in the middle of a run", "at its end"])
+@pytest.mark.parametrize("duration", soaked(["1.0", "0.5"], but=[1]), ids=["in the middle of a run", "at its end"])
 def test_a_simulation_survives_a_stall_and_every_grid_point_is_a_row_or_missed(tmp_path, duration):
     process = started(knee(tmp_path, LAW), "--duration", duration, cwd=tmp_path)
     patient((tmp_path / "running").exists)

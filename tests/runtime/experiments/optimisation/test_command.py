@@ -141,6 +141,7 @@ def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     assert "it was made with settle 60.0, now 10.0; zero [['*/profile.on', 'no']], now []" in said
 
 
+@pytest.mark.soak
 def test_plan_prints_duration_and_forecast_without_a_run(tmp_path, command_line):
     profiles(tmp_path)
     words = ("optimise", "profiles.py", *OVER, "--plan", "--validate", 2, "--rest-every", 30, "--generations", 2)

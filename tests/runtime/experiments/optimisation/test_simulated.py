@@ -68,6 +68,7 @@ def optimise(cost="sine_costs:distance", **changes):
     return runtime.optimise("sine.py", objectives={"distance": cost}, **{"workers": 0, **given, **changes})
 
 
+@pytest.mark.soak
 def test_table_has_a_row_per_run_with_the_cost_of_each_evaluation_as_their_mean(costs):
     result = optimise(seeds=[1, 2], output="table.parquet")
     table = parquet.read_table(costs / "table.parquet").to_pydict()

@@ -7,6 +7,7 @@ import pytest
 
 from tests.runtime.runs import ROOT
 from tests.runtime.terminals import Terminal
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -31,7 +32,8 @@ else:
 
 @pytest.mark.hazard("H4a")
 @pytest.mark.parametrize(
-    "kind, shown, answer", [("confirm", "reset the drive. yes or no", "no"), ("step", "then press Enter", "")]
+    "kind, shown, answer",
+    soaked([("confirm", "reset the drive. yes or no", "no"), ("step", "then press Enter", "")], but=[0]),
 )
 def test_an_answer_that_was_typed_before_its_question_does_not_count(tmp_path, kind, shown, answer):
     with Terminal() as terminal:

@@ -84,6 +84,7 @@ with Diagram("machine", rate=200) as diagram:
 """
 
 
+@pytest.mark.soak
 def test_trials_are_drawn_over_each_other_with_their_proved_limit_and_states_have_names(command_line, tmp_path):
     (tmp_path / "machine.py").write_text(MACHINE)
     for name, options in {"weak": (), "strong": ("--set", "torque_limiter.limit=1.5")}.items():

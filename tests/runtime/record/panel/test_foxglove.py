@@ -160,6 +160,7 @@ def test_client_without_the_token_only_watches_and_one_with_it_changes_what_no_o
     assert told == [("set", "page 5", 2.0), ("stop", "page 5", None)]
 
 
+@pytest.mark.soak
 def test_client_on_a_network_needs_a_token(tmp_path):
     with running(tmp_path, host="0.0.0.0") as run:
         view, operate = (run.addresses[role].replace("http", "ws", 1).replace("#", "?") for role in ("view", "operate"))

@@ -65,7 +65,7 @@ def test_page_loads_without_errors_and_shows_values_that_change(opened):
 
 
 @pytest.mark.hazard("H9f")
-@pytest.mark.parametrize("how", soaked(["tap", "space", "space in a field", "space on another tab"], but=[0, 3]))
+@pytest.mark.parametrize("how", soaked(["tap", "space", "space in a field", "space on another tab"], but=[3]))
 def test_stop_of_the_page_ends_the_run_with_its_safe_stop(opened, how):
     run, tab = opened
     if how == "tap":
@@ -218,6 +218,7 @@ def test_page_connects_to_the_panel_that_replaces_a_dead_one(opened):
     assert run.end()[0] == 0
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("width", soaked([390, 1024, 1920], but=[0]))
 def test_page_fits_its_window(opened, width):
     _, tab = opened
@@ -228,6 +229,7 @@ def test_page_fits_its_window(opened, width):
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.soak
 def test_pages_are_accessible_in_light_and_dark(tmp_path):
     pytest.importorskip("axe_core_python")  # of the extra `test`
     with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
@@ -267,6 +269,7 @@ def test_fault_is_shown_with_cause_remedy_and_report(tmp_path):
         assert "FAULT at left/knee" in tab.evaluate("document.querySelector('#fault pre').textContent")
 
 
+@pytest.mark.soak
 def test_diagram_shows_values_at_its_ports_and_a_click_on_one_plots_it(opened):
     _, tab = opened
     tab.evaluate("document.getElementById('tab-plots').click()")
@@ -304,6 +307,7 @@ def test_diagram_shows_values_at_its_ports_and_a_click_on_one_plots_it(opened):
     assert tab.problems == []
 
 
+@pytest.mark.soak
 def test_plots_draw_spikes_between_frames_and_the_average_stride(opened):
     _, tab = opened
     found = tab.evaluate("""(async () => {
@@ -325,6 +329,7 @@ def test_plots_draw_spikes_between_frames_and_the_average_stride(opened):
     assert found["mean"] == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.soak
 def test_subject_sees_each_stride_beside_the_target_band_and_can_only_stop(tmp_path):
     with running(tmp_path, more=WALK) as run, browser(tmp_path) as new_tab:
         operates, tab = new_tab(run.address), new_tab(f"{run.address}subject")

@@ -296,6 +296,7 @@ def chunks(data):
     return make_reader(io.BytesIO(data)).get_summary().chunk_indexes
 
 
+@pytest.mark.soak
 def test_uncompressed_and_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
     diagram, plant = leg()
     run(diagram, tmp_path, 30, plant=plant, compression="none")

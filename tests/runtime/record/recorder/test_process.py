@@ -237,6 +237,7 @@ def test_a_folder_that_is_deleted_ends_its_files_with_a_line_each_and_leaves_no_
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.soak
 def test_no_writer_starts_once_the_control_process_has_ended(tmp_path):
     control = Controller(tmp_path)
     session = os.getsid(control.recorder)

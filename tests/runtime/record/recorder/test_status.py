@@ -31,6 +31,7 @@ from tests.runtime.record.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE, patient
 from tests.runtime.terminals import Terminal as PseudoTerminal
+from tests.soaking import soaked
 
 ROOT = Path(__file__).parents[4]
 STATISTICS = {
@@ -388,7 +389,7 @@ def test_blocked_terminal_does_not_block_run():
 
 
 @pytest.mark.paced
-@pytest.mark.parametrize("on_terminal", [True, False])
+@pytest.mark.parametrize("on_terminal", soaked([True, False], but=[0]))
 def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen, tmp_path, on_terminal):
     slave, seen = screen
     script = (

@@ -68,7 +68,7 @@ def ticks_of(*files):
     return [int(cells[1]) for file in files for cells in read_csv(file)[1]]
 
 
-@pytest.mark.parametrize("virtual", [True, False])
+@pytest.mark.parametrize("virtual", soaked([True, False], but=[1]))
 def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
     def writing(recorder):
         """The writer of the newest part, once that has a row."""

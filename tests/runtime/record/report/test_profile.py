@@ -89,6 +89,7 @@ def test_stop_frames_are_logged_within_two_ticks_of_overrun_fault(command_line):
     assert len(ours[:stop]) == 2 + ticks and held <= late <= held + 2 * 0.02
 
 
+@pytest.mark.soak
 def test_profile_lists_share_of_every_block_and_draws_plot(command_line):
     code, out, err = command_line("profile", knee(command_line.folder), "--duration", "0.2", "-o", "bars.png")
     lines = out.splitlines()

@@ -90,6 +90,7 @@ def test_a_compressed_recording_reads_and_converts_as_the_plain_one_does(command
         (command_line.folder / "plain" / "leg.mcap").unlink()
 
 
+@pytest.mark.soak
 def test_damage_in_a_compressed_chunk_is_a_gap(recording, command_line):
     whole, data, dice = runtime.load(recording), recording.read_bytes(), random.Random(7)
     rows = dict(zip(whole.tick.tolist(), whole.rows))

@@ -73,6 +73,7 @@ def test_windows_of_any_size_equal_a_naive_computation(trial, monkeypatch):
     assert {1, 2, BASE, 4 * BASE} <= sizes and max(sizes) >= 8 * BASE  # read from the file, kept, and merged
 
 
+@pytest.mark.soak
 def test_a_long_recording_keeps_coarser_intervals_and_reads_the_finer_ones(trial, monkeypatch):
     monkeypatch.setattr(levels, "KEPT_LIMIT", 600)
     made = built(trial)

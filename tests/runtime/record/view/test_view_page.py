@@ -118,6 +118,7 @@ def test_one_recording_is_shown_moved_read_and_saved(trials, new_tab, tmp_path):
         assert tab.problems == []
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(find_spec("axe_core_python") is None, reason="of the extra `test`")
 def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, tmp_path):
     with viewing(tmp_path, *trials) as (_, address):
@@ -155,6 +156,7 @@ def test_two_trials_lie_over_each_other_by_time_and_by_stride(trials, new_tab, t
         assert tab.problems == []
 
 
+@pytest.mark.soak
 def test_a_damaged_recording_and_a_lost_process_are_reported(trials, new_tab, tmp_path):
     path = trial(tmp_path, "walk", ticks=20_000)
     damaged(path)

@@ -160,6 +160,7 @@ def plant(robot):
 """
 
 
+@pytest.mark.soak
 def test_chips_on_i2c_are_set_up_and_read_over_a_socket(tmp_path):
     robot = write(tmp_path, CHIPS, "robot.py")
     # a socket's path has 107 bytes at most, so this one is not in the folder of the test

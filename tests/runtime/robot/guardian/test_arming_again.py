@@ -12,6 +12,7 @@ from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus, assert_nothing
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, TORQUE_STEP, Files, finished, knee, torque_of, write
 from tests.runtime.stuck import family
 from tests.runtime.terminals import Terminal
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -96,10 +97,13 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
 @pytest.mark.hazard("H4c")
 @pytest.mark.parametrize(
     "begin, end, words",
-    [
-        (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (1 s)"),
-        (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
-    ],
+    soaked(
+        [
+            (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (1 s)"),
+            (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
+        ],
+        but=[1],
+    ),
 )
 def test_only_the_operator_arms_recovered_drives_again(bus, terminal, begin, end, words):
     under_torque(bus, terminal, "--no-record")

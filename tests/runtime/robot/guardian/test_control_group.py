@@ -97,6 +97,7 @@ def test_a_run_that_ends_removes_the_group_of_its_guardian(bus, group, guardian_
     assert f"{control_group.PREFIX}{guardian.pid}" not in groups_of_guardians()
 
 
+@pytest.mark.soak
 def test_the_pre_flight_table_lists_the_privileges_of_the_guardian(bus, group):
     process = bus.start("--no-record", "--duration", "0.1", **inside(group))
     out, err = process.communicate(timeout=20)

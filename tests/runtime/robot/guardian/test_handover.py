@@ -239,6 +239,7 @@ def test_a_new_run_takes_the_buses_over_at_once_and_without_a_pause(way, tmp_pat
         assert any(is_torque(frame) for frame in bus.frames if frame.time >= began), errors
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("way", soaked(WAYS, but=[1]))
 def test_a_new_run_that_does_not_begin_leaves_the_stop_to_the_old_one(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):
@@ -268,6 +269,7 @@ def test_a_stop_that_goes_on_waits_between_its_frames(way, tmp_path):
         process.communicate(timeout=10)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("way", soaked(WAYS, but=[0]))
 def test_a_run_without_these_drives_and_another_program_are_refused_and_change_nothing(way, tmp_path):
     with stop_that_goes_on(tmp_path, way) as (bus, drives, process):

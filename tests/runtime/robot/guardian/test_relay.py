@@ -133,6 +133,7 @@ def test_the_guardian_holds_the_relay_while_it_damps_and_no_longer(lab):
     )
 
 
+@pytest.mark.soak
 def test_a_continued_run_does_not_close_the_relay(lab):
     bus, board = lab
     process = running(lab, drive=', safe_stop="damp", stop_time=0.2')

@@ -20,6 +20,7 @@ from tests.runtime.robot.guardian.drives import AK10_9
 from tests.runtime.robot.guardian.test_carrying import suspend
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
 from tests.runtime.stuck import family
+from tests.soaking import soaked
 
 pytestmark = pytest.mark.paced
 
@@ -88,6 +89,7 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     assert_nothing_is_left(everybody, bus.channel)
 
 
+@pytest.mark.soak
 def test_after_a_suspend_of_the_computer_no_torque_ever_follows(bus, tmp_path):
     """The run finds that the computer was suspended since it began. A kernel that really suspends one ends the test."""
     process = bus.start("--record", "out")
@@ -172,7 +174,7 @@ def test_after_kill_9_a_moving_joint_is_damped_within_its_limit(tmp_path):
             assert len(speeds) > 100 and speeds[0] > 7.9 and speeds[-1] < 0.7 * speeds[0]
 
 
-@pytest.mark.parametrize("by, allowed", [(signal.SIGKILL, DEATH), (signal.SIGSTOP, 0.1 + STALL)])
+@pytest.mark.parametrize("by, allowed", soaked([(signal.SIGKILL, DEATH), (signal.SIGSTOP, 0.1 + STALL)], but=[1]))
 def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by, allowed):
     process = bus.start("--no-record")
     bus.await_torque()

@@ -169,6 +169,7 @@ def run(folder, *arguments, site):
     )
 
 
+@pytest.mark.soak
 def test_a_library_that_cannot_be_imported_is_reported_and_the_others_are_listed(tmp_path):
     write(tmp_path, "import no_such_module\n", "brokenlab.py")
     info = tmp_path / "brokenlab-1.0.dist-info"

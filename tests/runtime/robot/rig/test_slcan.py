@@ -371,6 +371,7 @@ def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, dies,
             assert re.search(r"confirmed by knee only after [\d.]+ s", out)
 
 
+@pytest.mark.soak
 def test_without_a_guardian_a_stop_that_nothing_confirms_ends_after_the_limit(tmp_path):
     with unplugged(tmp_path, "at once", "--stop-for", "1") as (process, *_):
         began = time.monotonic()

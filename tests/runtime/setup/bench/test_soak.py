@@ -12,6 +12,7 @@ pytestmark = pytest.mark.paced
 WORDS = ("--model", "AK10-9-V2.0", "--hours", "0.0015", "--minutes", "0.02", "--yes")
 
 
+@pytest.mark.soak
 def test_a_soak_runs_in_spells_and_leaves_a_report_of_each(tmp_path):
     with Bus(tmp_path, number=63) as bus:
         run = finished("soak", bus.rig, *WORDS, "--actuators", "2", cwd=tmp_path)

@@ -34,9 +34,9 @@ def ready(bench, name, kind="CubeMars", model="AK80-9"):
 @pytest.mark.parametrize(
     "end, step",
     [
-        ("Ctrl-C", ["torque"]),
+        pytest.param("Ctrl-C", ["torque"], marks=pytest.mark.soak),
         ("kill -9", ["torque"]),
-        ("hang-up", ["torque"]),
+        pytest.param("hang-up", ["torque"], marks=pytest.mark.soak),
         ("Ctrl-C", ["home", "--toward", "lower", "--torque", "0.4"]),
         pytest.param("Ctrl-C", ["dynamics"], marks=pytest.mark.soak),
     ],

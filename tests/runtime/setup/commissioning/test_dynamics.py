@@ -26,7 +26,6 @@ def measured(joint, drive=AK80, **faults):
     return probe, arm, block
 
 
-@pytest.mark.soak
 @pytest.mark.hazard("H4i")
 def test_estimates_are_near_and_their_intervals_contain_the_truth_nine_times_in_ten():
     chance, inside, all_of_them = random.Random(7), 0, 0

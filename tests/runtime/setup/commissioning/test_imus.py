@@ -40,6 +40,7 @@ def test_scan_lists_every_sensor_with_its_serial_number(command_line, ports):
     assert [sensor["serial"] for sensor in told["sensors"]] == ["6253.133931", "6286.133932"] and told["buses"] == []
 
 
+@pytest.mark.soak
 def test_two_are_shown_recorded_and_plotted(command_line):
     """In Rerun, where it is there, each channel has a plot, and an attitude its axes."""
     viewer = ["--rerun", "out.rrd"] if importlib.util.find_spec("rerun") else []

@@ -65,6 +65,7 @@ def bench(installed, tmp_path):  # noqa: F811
     place.end()
 
 
+@pytest.mark.soak
 def test_scan_finds_a_third_party_drive(bench):
     done = bench.on_bus("scan", "--listen", "0.1", "--ids", "1-20", "--json")
     assert done.returncode == OK, done.stdout + done.stderr
@@ -78,6 +79,7 @@ def test_scan_finds_a_third_party_drive(bench):
     ]
 
 
+@pytest.mark.soak
 def test_third_party_drive_moves_with_torque_only(bench):
     where = ("--rig", "lab.toml", "--yes")
     done = bench.run("move", "5", "--model", "GD-10", "--torque", "0.5", "--duration", "1", "--fastest", "50", *where)

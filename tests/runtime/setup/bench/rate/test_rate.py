@@ -67,6 +67,7 @@ def test_frames_of_29_bits_take_longer():
     assert step(0.97 * step.limit()).passed and not step(1.03 * step.limit()).passed
 
 
+@pytest.mark.soak
 def test_the_command_prints_a_table_and_draws_a_picture(command_line, tmp_path):
     code, out, err = command_line(
         "rate", "--actuators", "7..8", "--low", "400", "--high", "700", "--resolution", "20", "--seconds", "0.1"

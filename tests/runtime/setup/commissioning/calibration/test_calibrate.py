@@ -86,6 +86,7 @@ def test_the_calibration_file_corrects_the_measurements_of_a_block(calibrated, c
     assert strength.mean() == pytest.approx(np.linalg.norm(FIELD) / np.linalg.det(SOFT) ** (1 / 3), rel=0.01)
 
 
+@pytest.mark.soak
 def test_parts_that_were_not_requested_are_kept(command_line):
     folder = command_line.folder
     (folder / "shank.toml").write_text("[magnetometer]\noffset = [1.0, 2.0, 3.0]\n")
