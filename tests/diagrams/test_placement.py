@@ -153,7 +153,7 @@ def test_a_sensor_turned_about_other_axes_ends_the_run_or_no_torque_acts(robot, 
         assert acts < (0.5 if outcome.status.startswith("kernel status") else 0.05), (degrees, acts)
 
 
-@pytest.mark.parametrize("robot", soaked(["hip_exo", "hip_exo_2dof", "ankle_exo", "knee_exo_gatech"], but=[0]))
+@pytest.mark.parametrize("robot", soaked(["hip_exo_teensy", "hip_exo_2dof", "ankle_exo", "knee_exo_gatech"], but=[0]))
 def test_a_wearer_who_stops_and_walks_on_is_no_fault(robot):
     """The first step after a stand turns one leg alone."""
     for person, (speed, rise) in enumerate(((0.5, 1.5), (0.8, 1.0), (1.2, 0.5), (1.6, 0.52), (0.5, 0.5), (0.8, 1.5))):

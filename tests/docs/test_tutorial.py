@@ -94,7 +94,7 @@ def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
     assert texts(tmp_path / "rig.svg") == texts(IMAGES / "rig.svg")
 
 
-@pytest.mark.timing
+@pytest.mark.paced
 def test_a_silent_drive_ends_the_run_and_the_operator_the_stop(tmp_path):
     for fence in [fence for page in pages()[:4] for fence in fences(TUTORIAL / page) if fence.file]:
         (tmp_path / fence.file).write_text(fence.text.replace(CHANNEL, channel()))

@@ -11,7 +11,7 @@ import pytest
 
 from cext.lines.streams import Streams
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 BYTES, LOST, BACK = 0, 1, 2
 RING, AHEAD = 1024, 128  # frames, of cext/ring/newest_ring.pxd

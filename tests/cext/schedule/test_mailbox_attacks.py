@@ -20,7 +20,7 @@ from cext.schedule.mailbox_writer import Writer
 from graph import Diagram, Live
 from tests.cext.rigs import Rig, one_drive
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 LETTERS, LETTER_BYTES = 32, 240
 KIND, COUNT, PARAMETER, VALUE = 16, 24, 32, 96  # offsets in a letter of cext/ring/mailbox.pxd

@@ -17,7 +17,7 @@ from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import FRAME, Rig, plant_of
 from tests.cext.schedule.test_watchdog import AT, RATE, Then, robot
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 def deaf(seconds):
