@@ -45,6 +45,7 @@ from blocks.sensors import (
     Microcontroller,
 )
 from blocks.sensors.ads1115 import EmulatedADS1115
+from blocks.sensors.bno085 import BNO085RVC, EmulatedBNO085RVC
 from blocks.sensors.insole import EmulatedInsole
 from blocks.sensors.microcontroller import EmulatedMicrocontroller
 from blocks.sensors.nau7802 import EmulatedNAU7802
@@ -53,7 +54,7 @@ from cext.schedule.kernel_table import address
 from graph import Interval
 from tests.blocks.actuators import cubemars_reference, reference, robstride_reference
 from tests.blocks.actuators.wire import EXTENDED, Wired
-from tests.blocks.sensors import test_insole, test_microcontroller
+from tests.blocks.sensors import test_bno085, test_insole, test_microcontroller
 
 NOTHING, READ, MISSED, GONE = range(4)  # in front of a chunk: tests/fuzzing/harness.pyx
 NONE, MIP, COBS, LINES, INSOLE, DATAGRAMS = range(6)  # tests/fuzzing/oracles.pxd
@@ -179,6 +180,7 @@ def sole(number, **more):
 
 SOLES = sole(1), sole(2), sole(9, side=1), sole(65535)
 INSOLES = {"rows": 6, "columns": 3}
+RVC = test_bno085.EXAMPLE
 SMALL = (("x", "float32"), ("y", "float32"))
 
 STREAMS = {
@@ -239,6 +241,13 @@ STREAMS = {
         tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")),
         seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"),
         protocol=(LINES, 0, 1, 0, 0, 0),
+    ),
+    "bno085": Target(
+        BNO085RVC,
+        same=("yaw", "pitch", "roll", "accel"),
+        tail=((NOTHING, b"\x55" * 19), (NOTHING, RVC)),
+        seeds=(RVC, test_bno085.message(223), test_bno085.message(170, 1, 2, 3), RVC[:11] + RVC),
+        protocol=(NONE, 0, 0, 0, 0, 0),
     ),
     "insole": Target(
         Insole,
@@ -529,6 +538,7 @@ FRAMES |= {
         ("as5047_emulated", EmulatedAS5047, (), {}, ((0, 8),)),
         ("mpu9250_emulated", EmulatedMPU9250, (), {}, ((0, 8),)),
         ("icm20948_emulated", EmulatedICM20948, (), {}, ((0, 8),)),
+        ("bno085_emulated", EmulatedBNO085RVC, (), {}, ((0, 8),)),
         ("insole_emulated", EmulatedInsole, (), {"rows": 6, "columns": 3}, ((0, 8),)),
         ("microcontroller_emulated", EmulatedMicrocontroller, (), {"fields": WIDE}, ((0, 8),)),
         ("lines_emulated", EmulatedMicrocontroller, (), {"fields": SMALL, "format": "lines"}, ((0, 8),)),
