@@ -38,6 +38,7 @@ POSITIVE = {"hip": "flexion", "abduction": "hip abduction", "knee": "flexion", "
 # Mean pitch of a segment in walking, in degrees: of people who walk on level ground, slopes and stairs, or crouched.
 POSTURES = {"thigh": (-15.0, 45.0), "shank": (-45.0, 15.0), "foot": (-65.0, 20.0)}
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
+THIGH_OFFSET = 0.02  # of a stride, standard deviation of the strikes of ThighEvents between adults
 LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
 
 # Torque profiles of hip and knee (gait phase, N·m).
@@ -98,9 +99,10 @@ def gait(angle, velocity, strike=None, shank=None):
 
     angle, velocity : motion of thigh or hip; strike : by default from the angle; shank : its Motion, if it is measured
     """
+    offset = 0.0
     if strike is None:
-        strike = ThighEvents(name="events")(angle).strike
-    estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
+        strike, offset = ThighEvents(name="events")(angle).strike, THIGH_OFFSET
+    estimate = PhaseKalmanFilter(strike_offset=offset, name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
     return Gait(estimate.phase, estimate.walking, velocity, shank and shank.velocity, estimate.uncertainty)
 
 

@@ -66,9 +66,11 @@ class PhaseKalmanFilter(Block):
     them.
 
     `walking` is true from a strike on, while the frequency is above 0.3 Hz, or half of that of the last stride if that
-    is less, and the angle follows the waveform. `uncertainty` is the RMS phase at the last strikes, each with a weight
-    of 20 %, and 0.29, that of an unknown phase, while `walking` is false. Limits: two strides are learned first;
-    strides shorter than 0.4 s or longer than 2.5 s are not learned; a strike detected late delays the phase by as much.
+    is less, and the angle follows the waveform. `uncertainty` is √(mean square of the phase at the last strikes +
+    strike_offset²), where each strike has a weight of 20 %, and 0.29, that of an unknown phase, while `walking` is
+    false. Limits: two strides are learned first; strides shorter than 0.4 s or longer than 2.5 s are not learned; a
+    strike detected late delays the phase by as much, which the strikes do not show: set `strike_offset` for a detector
+    that predicts them.
     Direct feedthrough; NaN and infinity give NaN and are not stored.
     (phase-based Kalman filter: Thatte et al. 2019; Medrano et al. 2023)
     """
@@ -78,6 +80,9 @@ class PhaseKalmanFilter(Block):
     angle_noise = Param(0.4, "1", "noise of the angle, relative to its standard deviation in a stride", above=0.0)
     velocity_noise = Param(0.8, "1", "noise of the velocity, relative to its standard deviation in a stride", above=0.0)
     strike_noise = Param(0.03, "1", "noise of a heel strike, as a fraction of a stride", above=0.0)
+    strike_offset = Param(
+        0.0, "1", "standard deviation of the mean offset of the strikes between wearers, in strides", min=0.0, max=0.2
+    )
 
     angle = Input("rad", "periodic angle of the leg: thigh, shank, hip or knee")
     velocity = Input("rad/s", "velocity of the angle")

@@ -290,7 +290,7 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
 
 cdef struct Kalman:
     int32_t angle, velocity, strike, phase, walking, frequency, deviation, uncertainty
-    int32_t phase_noise, frequency_noise, angle_noise, velocity_noise, strike_noise
+    int32_t phase_noise, frequency_noise, angle_noise, velocity_noise, strike_noise, strike_offset
     int32_t state               # phase, frequency in Hz, amplitude, offset, both relative to the waveform
     int32_t covariance          # 4 x 4
     int32_t waveform            # mean, then a cosine and a sine amplitude per harmonic
@@ -534,7 +534,9 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
             arena[at.phase] = x[0]
         arena[at.frequency] = x[1]
         arena[at.walking] = learning[LOST] == 0.0
-    arena[at.uncertainty] = sqrt(learning[SPREAD]) if arena[at.walking] != 0.0 else UNKNOWN
+    arena[at.uncertainty] = UNKNOWN
+    if arena[at.walking] != 0.0:
+        arena[at.uncertainty] = min(UNKNOWN, sqrt(learning[SPREAD] + arena[at.strike_offset] * arena[at.strike_offset]))
     return OK
 
 

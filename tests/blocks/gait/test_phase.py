@@ -194,6 +194,8 @@ def test_the_uncertainty_is_the_spread_of_the_last_strikes():
         u = outputs["uncertainty"][at]
         assert np.all(u[:2] > 0.28) and np.all(u[12:30] < 0.03), block
         assert 0.02 < np.median(u[40:50]) < 0.09 and u[52] > 0.1, block
+    more = inside(lambda: PhaseKalmanFilter(strike_offset=0.2), **inputs(PhaseKalmanFilter, played, strike))
+    np.testing.assert_allclose(more["uncertainty"], np.minimum(12**-0.5, np.hypot(outputs["uncertainty"], 0.2)), 1e-12)
 
 
 def test_oscillators_do_not_walk_from_a_strike_that_contradicts_their_phase():
