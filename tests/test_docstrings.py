@@ -21,10 +21,13 @@ def modules():
 def classes():
     """The classes of all modules by name, since a base class is known by its name only."""
     found = {}
-    for tree in modules().values():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef):
-                found.setdefault(node.name, []).append(node)
+    statements = list(modules().values())
+    for node in statements:  # which grows; expressions contain no class
+        statements += [
+            child for child in ast.iter_child_nodes(node) if isinstance(child, (ast.stmt, ast.excepthandler))
+        ]
+        if isinstance(node, ast.ClassDef):
+            found.setdefault(node.name, []).append(node)
     return found
 
 

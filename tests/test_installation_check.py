@@ -103,6 +103,7 @@ def test_a_file_in_the_clone_shadows_no_standard_module(tmp_path):
     assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py has the name")
 
 
+@pytest.mark.soak
 def test_the_console_script_runs_beside_files_with_the_names_of_libraries(installed, lab):
     (lab / "wave.py").write_text(WAVE)
     for name in ("runtime", "json", "signal", "numpy"):

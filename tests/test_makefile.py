@@ -83,6 +83,7 @@ def test_missing_requested_python_is_named(clone):
     assert told(make("run", cwd=clone, PYTHON="python2.99")) == ["Python 'python2.99' was not found"]
 
 
+@pytest.mark.soak
 def test_old_python_is_reported_with_required_version(clone, bare_path):
     old = next(
         (found for name in ("python3.9", "python3.8", "python3.7", "python3.6") if (found := old_python(name))), None

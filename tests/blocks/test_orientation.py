@@ -88,6 +88,7 @@ def test_without_a_field_the_tilt_is_correct_and_the_heading_is_integrated(kind)
     assert tilt(free, true).max() < 0.05
 
 
+@pytest.mark.soak
 def test_the_complementary_filters_error_of_a_bias_is_bias_times_time_constant():
     """At rest; of the tilt where it is about a level axis, of the heading where it is about the vertical."""
     still = Rotation.from_euler("ZYX", np.tile((0.5, 0.1, -0.2), (6000, 1)))
@@ -97,6 +98,7 @@ def test_the_complementary_filters_error_of_a_bias_is_bias_times_time_constant()
         assert measure(found, still)[-1] == pytest.approx(0.01 * 2.0, rel=0.01)
 
 
+@pytest.mark.soak
 def test_mahony_finds_the_bias():
     still = Rotation.from_euler("ZYX", np.tile((0.5, 0.1, -0.2), (12000, 1)))
     bias = (0.02, -0.03, 0.01)

@@ -142,6 +142,7 @@ def test_missed_ticks_count_in_the_thermal_model():
     assert abs(late[0] - last[0]) < 0.05 and late[0] > 25.5
 
 
+@pytest.mark.soak
 def test_overloaded_motor_with_derating_settles_below_limit():
     model, derating = made(ThermalModel, "AK80-9", rate=1.0), made(TemperatureDerating, 80.0, 100.0)
     torque = 18.0

@@ -136,6 +136,7 @@ def test_a_block_without_a_declared_range_leaves_its_loop_unbounded():
     assert proved(diagram)["delay.y"] == EVERYTHING
 
 
+@pytest.mark.soak
 def test_interval_propagation_in_one_large_loop_is_bounded():
     def questions(count):
         asked = []

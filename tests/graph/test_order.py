@@ -105,6 +105,7 @@ def test_the_graph_of_a_compile_has_the_wire_of_each_edge():
     assert isinstance(compilation, Compilation) and graph.edges[source, gain] == {"port": "u", "source": "y"}
 
 
+@pytest.mark.soak
 def test_every_compile_imports_networkx():
     code = (
         "from graph import Diagram, compile\nfrom blocks.sources import Sine\n"

@@ -43,6 +43,7 @@ def test_fit_of_a_drawn_adult_has_the_peaks_of_that_adult(tmp_path):
     assert np.abs(slow / usual - 1.0).max() > 0.03, "the adult differs from the average at other speeds as well"
 
 
+@pytest.mark.soak
 def test_peaks_of_the_strides_that_the_fit_has_not_seen_are_within_15_percent(tmp_path, capsys):
     """Fitted to 25 s of the young adult of Wiles 2023, compared with the mean of both legs in the other 25 s."""
     lines = shared("gait/healthy_young.csv").read_text().splitlines(keepends=True)

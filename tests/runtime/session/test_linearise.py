@@ -139,6 +139,7 @@ def test_margins_of_a_loop_are_those_of_its_equations_with_the_delay():
     assert found.margins["pole"] == pytest.approx(np.abs(poles).max(), abs=1e-6)
 
 
+@pytest.mark.soak
 def test_the_delay_margin_is_the_delay_at_which_the_simulated_loop_becomes_unstable():
     """Another two ticks less than the margin decay, two more than it grow: seen in the simulation itself."""
     found = loop.Loop(swing(delay=1), "pendulum.torque", at=20.0)

@@ -246,6 +246,7 @@ def test_replay_of_a_changed_diagram_can_be_compared(recorded, command_line, tmp
     assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
 
 
+@pytest.mark.soak
 def test_values_of_a_count_have_no_unit(recorded, command_line, tmp_path):
     counter = """\
 from blocks.sources import Constant
@@ -298,6 +299,7 @@ def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command
     assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()
 
 
+@pytest.mark.soak
 def test_diff_does_not_draw_signals_that_differ_in_the_sign_of_zero_alone(recorded, command_line, tmp_path):
     text = "from blocks.recorders import CsvRecorder\nfrom blocks.sources import Constant\nfrom graph import Diagram\n"
     text += "with Diagram('zero', rate=100) as diagram:\n    Constant({}, name='none')\n    Constant({}, name='one')\n"
@@ -543,7 +545,7 @@ def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
     assert (code, err) == (OK, "") and "100 ticks" in out and "the recorded diagram" in out
 
 
-@pytest.mark.parametrize("folder", ["/proc/self/mem", "9" * 300, "/dev/null"])
+@pytest.mark.parametrize("folder", soaked(["/proc/self/mem", "9" * 300, "/dev/null"], but=[0]))
 def test_a_folder_that_cannot_be_recorded_into_is_refused_in_a_line(tmp_path, folder):
     assert finished(knee(tmp_path), "--fast", "--duration", "0.5", cwd=tmp_path).returncode == 0
     [recording] = (tmp_path / "recordings").glob("*.mcap")

@@ -405,6 +405,7 @@ def test_outside_the_main_thread_signals_stay_with_the_program():
         signal.signal(signal.SIGUSR1, before)
 
 
+@pytest.mark.soak
 def test_several_threads_run_at_once():
     alone = [runtime.run(KNEE_EXO, 20, settings={"assistance": share}) for share in (0.2, 0.4, 0.6, 0.8)]
     with ThreadPoolExecutor(4) as pool:

@@ -113,6 +113,7 @@ def test_optimisation_does_not_continue_with_another_version_of_the_optimiser(co
         optimise("sine_costs:interrupted", seeds=[1, 2], output="interrupted.parquet")
 
 
+@pytest.mark.soak
 def test_evaluation_fails_without_a_number_from_each_of_its_runs(costs):
     result = optimise("sine_costs:partly", population=6)
     assert 0 < np.sum(result.costs == math.inf) < 12 and result.costs.min() < 1.0

@@ -284,6 +284,7 @@ def test_mistake_in_a_study_is_named(mistake, folder, command_line):
     assert re.search(phrase, command_line.refused("study", "study.toml"))
 
 
+@pytest.mark.soak
 def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder, command_line):
     (folder / "study.toml").write_text(STUDY + 'count = "costs_of_test:counted"\n')
     code, out, err = command_line("study", "study.toml", "--workers", "1")

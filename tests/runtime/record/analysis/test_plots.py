@@ -292,6 +292,7 @@ def many(trial, count):
     return made
 
 
+@pytest.mark.soak
 def test_plot_reports_omitted_signals_and_skips_undrawable_ones(command_line, crowded):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

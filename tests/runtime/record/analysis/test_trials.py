@@ -44,6 +44,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.soak
 def test_nested_folders_form_one_table_with_distinct_names(folder):
     trials = runtime.load(folder / "**" / "*.mcap")
     assert trials["trial"].tolist() == ["S01/walk"] * 2 + ["S02/walk"] and trials["a.n"].tolist() == [4, 4, 3]

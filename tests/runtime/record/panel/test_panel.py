@@ -45,7 +45,7 @@ def test_values_of_a_page_are_those_of_the_recording(tmp_path):
 
 
 @pytest.mark.hazard("H9f")
-@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("first", soaked([True, False], but=[1]))
 def test_every_page_stops_the_run_and_it_ends_with_its_safe_stop(tmp_path, first):
     with running(tmp_path) as run:
         pages = [run.page(), run.page()]
@@ -75,6 +75,7 @@ def test_operator_changes_parameters_inside_their_bounds_and_sets_marks(tmp_path
     assert [event["event"] for event in page.events][:2] == ["set", "mark"]
 
 
+@pytest.mark.soak
 def test_note_on_a_mark_is_recorded_in_one_line_and_shown_on_every_page(tmp_path):
     with running(tmp_path) as run:
         page, other = run.page(), run.page()
@@ -93,6 +94,7 @@ def test_note_on_a_mark_is_recorded_in_one_line_and_shown_on_every_page(tmp_path
     assert [event["event"] for event in runtime.load(run.files.one(".mcap")).events].count("note") == 2
 
 
+@pytest.mark.soak
 def test_changes_of_three_pages_in_turn_are_all_taken_and_recorded(tmp_path):
     with running(tmp_path) as run:
         pages, wanted = [run.page() for _ in range(3)], []
@@ -110,6 +112,7 @@ def test_changes_of_three_pages_in_turn_are_all_taken_and_recorded(tmp_path):
     assert [event["value"] for event in run.files.sidecar["events"] if event["event"] == "set"] == wanted
 
 
+@pytest.mark.soak
 def test_pages_that_leave_before_the_answer_do_not_fill_the_mailbox(tmp_path):
     with running(tmp_path, "--rate", "20") as run:
         for _ in range(40):
@@ -243,6 +246,7 @@ def next_page(run):
         time.sleep(0.02)
 
 
+@pytest.mark.soak
 def test_message_that_is_too_long_closes_its_page_only(tmp_path):
     with running(tmp_path) as run:
         good, bad = run.page(), run.page()
@@ -251,6 +255,7 @@ def test_message_that_is_too_long_closes_its_page_only(tmp_path):
         good.until(lambda: len(good.status["pages"]) == 1)
 
 
+@pytest.mark.soak
 def test_stalled_page_delays_no_other(tmp_path):
     with running(tmp_path) as run:
         stalled, good = run.page(), run.page()
@@ -351,6 +356,7 @@ def test_panel_that_is_paused_holds_up_neither_run_nor_recording(tmp_path):
     assert code == 0 and run.files.sidecar["dropped"] == 0
 
 
+@pytest.mark.soak
 def test_panel_serves_the_parts_after_the_death_of_the_writer(tmp_path):
     with running(tmp_path) as run:
         before = run.page()
@@ -363,6 +369,7 @@ def test_panel_serves_the_parts_after_the_death_of_the_writer(tmp_path):
         assert run.end()[0] in (0, 4)
 
 
+@pytest.mark.soak
 def test_fault_is_shown_with_its_report(tmp_path):
     with running(tmp_path, law="return math.nan if t > 1.5 else 0.0") as run:
         page = run.page()
@@ -375,6 +382,7 @@ def test_fault_is_shown_with_its_report(tmp_path):
 # Options, names
 
 
+@pytest.mark.soak
 def test_address_of_another_process_is_refused(tmp_path, command_line):
     with running(tmp_path) as run:
         port = run.address.rstrip("/").rpartition(":")[2]
@@ -382,6 +390,7 @@ def test_address_of_another_process_is_refused(tmp_path, command_line):
     assert f"cannot listen on 127.0.0.1: port {port} is in use" in said
 
 
+@pytest.mark.soak
 def test_page_on_the_loopback_address_of_ipv6(tmp_path):
     with running(tmp_path, host="[::1]") as run:
         assert run.address.startswith("http://[::1]:")

@@ -62,6 +62,7 @@ def test_the_setgid_bit_alone_shares_nothing(tmp_path):
     assert mode_in(tmp_path) == 0o600
 
 
+@pytest.mark.soak
 def test_converted_files_and_plots_are_private(command_line):
     record(command_line, "--no-record")
     record(command_line)

@@ -195,6 +195,7 @@ def test_strides_restart_after_killed_writer_and_report_states_it():
     ]
 
 
+@pytest.mark.soak
 def test_two_pictures_of_the_same_walk_are_the_same_file(tmp_path):
     for name in ("a", "b"):
         both(tmp_path / name, walk(3))

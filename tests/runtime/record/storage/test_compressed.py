@@ -118,6 +118,7 @@ def test_damage_in_a_compressed_chunk_is_a_gap(recording, command_line):
     assert "is incomplete: it was truncated" in runtime.load(recording).trouble
 
 
+@pytest.mark.soak
 def test_chunks_of_a_small_file_that_expand_without_end_are_refused_in_bounded_memory(command_line):
     diagram, plant = leg()
     run(diagram, command_line.folder, 60, plant=plant)

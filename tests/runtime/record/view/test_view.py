@@ -21,6 +21,7 @@ from tests.checkout import ROOT
 from tests.runtime.record.panel.panels import free_port
 from tests.runtime.record.view.recorded import SIGNALS, TORQUE, trial, viewing
 from tests.runtime.runs import environment
+from tests.soaking import soaked
 
 
 class Page:
@@ -151,7 +152,7 @@ def test_only_the_pages_of_this_process_connect_and_malformed_questions_end_them
 
 
 @pytest.mark.parametrize(
-    "options, words, opens", [([], "%s &", True), (["--no-browser"], "%s &", False), ([], "%s", False)]
+    "options, words, opens", soaked([([], "%s &", True), (["--no-browser"], "%s &", False), ([], "%s", False)], but=[0])
 )
 def test_the_page_is_opened_in_a_browser_that_leaves_the_terminal(tmp_path, options, words, opens):
     (script := tmp_path / "browser").write_text(f"#!/bin/sh\necho $1 > {tmp_path / 'opened'}\n")

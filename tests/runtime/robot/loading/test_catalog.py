@@ -184,6 +184,7 @@ def test_a_library_that_cannot_be_imported_is_reported_and_the_others_are_listed
     assert "TorqueLimiter" in done.stdout
 
 
+@pytest.mark.soak
 def test_blocks_works_in_a_pipe_that_is_closed_early(tmp_path):
     shell = f'"{sys.executable}" -m runtime blocks | head -1'
     done = subprocess.run(

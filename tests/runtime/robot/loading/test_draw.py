@@ -49,6 +49,7 @@ def test_an_unsuitable_name_is_converted_to_a_file_name():
         choose(None, "a.pdf", "d")
 
 
+@pytest.mark.soak
 def test_a_folder_that_does_not_exist_is_reported_in_one_line(command_line):
     for name in ("no/such/a.svg", "no/such/a.png"):
         assert command_line.refused("draw", KNEE_EXO, "-o", name) == f"cannot write {name}: No such file or directory"

@@ -282,6 +282,7 @@ def test_viewer_opens_mcap_recording(tmp_path):
     assert rows["/left"] == rows["/bench"] == rows["/tickwork/tick"] == 2000 + 1  # and the schema
 
 
+@pytest.mark.soak
 @needs_rerun
 def test_in_virtual_time_the_run_waits_for_slow_viewers(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
@@ -390,6 +391,7 @@ def listening(port):
     return None
 
 
+@pytest.mark.soak
 @needs_rerun
 def test_killed_viewer_is_reported_and_run_continues(tmp_path):
     port = free_port()
@@ -512,6 +514,7 @@ def test_lost_viewer_does_not_stop_the_other_sink(tmp_path):
     assert runtime.load(tmp_path / "bench_1.mcap").tick.tolist() == list(range(100))
 
 
+@pytest.mark.soak
 @needs_rerun
 def test_full_disk_is_reported_and_run_continues(tmp_path):
     """The process that feeds Rerun may write no more than 60 kB into its file."""
