@@ -51,8 +51,9 @@ def content_hash(diagram: Diagram) -> str:
 def describe(diagram: Diagram) -> dict[str, Any]:
     """Return a diagram as a dict that JSON can represent."""
     blocks: list[Block] = sorted(diagram, key=lambda block: block.path)
-    known = registered()
     sources = {kind: source_hash(kind) for kind in {type(block) for block in blocks}}
+    ours = all(kind.__module__.split(".")[0] in OWN for kind in sources)  # then no other library is looked up
+    known: dict[str, str] = dict.fromkeys(OWN, "tickwork") if ours else registered()
     order = {id(wire): index for index, wire in enumerate(diagram.wires)}
     wires = sorted(
         diagram.wires,
@@ -158,14 +159,31 @@ def digest(data: dict[str, Any]) -> str:
     return "sha256:" + sha256(text.encode()).hexdigest()
 
 
-@lru_cache(maxsize=256)  # inspect parses the whole file of a class each time, 2 ms
+@lru_cache(maxsize=256)
 def source_hash(kind: type[Block]) -> str:
     """Return the hash of the source of a block class or its function, or of its name if there is no source."""
     try:
-        source = inspect.getsource(getattr(kind, "function", kind))
+        source = source_text(getattr(kind, "function", kind))
     except (OSError, TypeError):
         source = f"{kind.__module__}:{kind.__qualname__}"
     return sha256(source.encode()).hexdigest()[:16]
+
+
+def source_text(kind: Any) -> str:
+    """Return the result of inspect.getsource for a class or function.
+
+    Before CPython 3.13, inspect parses the whole file to find a class, 2 ms. Here, the line of most classes is found by
+    its text: the only definition of that name, without a decorator before it.
+    """
+    if isinstance(kind, type) and kind.__qualname__ == kind.__name__ and kind.__module__ in sys.modules:
+        lines, _ = inspect.findsource(sys.modules[kind.__module__])
+        heads = (f"class {kind.__name__}(", f"class {kind.__name__}:")
+        found = [number for number, line in enumerate(lines) if line.lstrip().startswith(heads)]
+        if len(found) == 1 and lines[found[0]].startswith(heads):
+            before = (line for line in reversed(lines[: found[0]]) if line.strip() and line[0] not in " \t#)]}")
+            if not next(before, "").startswith("@"):
+                return "".join(inspect.getblock(lines[found[0] :]))
+    return inspect.getsource(kind)
 
 
 def file_hash(block: Block, name: str) -> str:

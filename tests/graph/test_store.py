@@ -1,7 +1,9 @@
 """Diagrams as JSON and back, and their content hash."""
 
+import inspect
 import json
 import math
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sources import Playback, StepSource
 from blocks.states import StateMachine
 from graph import Block, Diagram, DiagramError, Input, Live, Output, compile, subsystem
-from graph.store import ENTRY_POINTS, content_hash, from_json, registered, to_json
+from graph.store import ENTRY_POINTS, content_hash, from_json, registered, source_text, to_json
 
 
 class Local(Block):
@@ -183,3 +185,53 @@ def test_a_library_is_found_in_the_process_in_which_it_is_installed(tmp_path, mo
         )
         (tmp_path / f"{name}-1.0.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: 1.0\n")
         assert registered()[name] == name
+
+
+KINDS = '''
+"""Class Quoted is below:
+
+class Quoted:
+"""
+if True:
+    class Quoted: pass
+
+class Outer:
+    class Inner: pass
+    class Later: pass
+
+def mark(kind): return kind
+
+@mark
+class Decorated: pass
+
+@mark
+
+class Separated(Outer): pass
+
+@(
+    mark
+)
+# a comment
+class Spread(Outer): pass
+
+class Later(Outer):
+    """Text,
+and at the margin."""
+
+    # a comment, and a blank line
+
+# the next class
+class Commented: pass
+class Adjacent(Outer): pass
+'''
+
+
+def test_the_source_of_a_class_is_what_inspect_finds(tmp_path, monkeypatch):
+    (tmp_path / "kinds.py").write_text(KINDS)
+    monkeypatch.syspath_prepend(tmp_path)
+    written = import_module("kinds")
+    kinds = {kind for kind in vars(written).values() if inspect.isclass(kind)} | {written.Outer.Inner}
+    library = {kind for kind in Block.__subclasses__() if kind.__module__.startswith("blocks.")}
+    assert len(kinds) == 9 and len(library) > 30
+    for kind in kinds | library:
+        assert source_text(kind) == inspect.getsource(kind), kind
