@@ -10,9 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runtime.cli.parsing import short_program
 from runtime.host import ending, installation_check
-from runtime.host.console.terminal import exit_code, print_lines, print_to_stderr
+from runtime.host.console.terminal import exit_code, print_lines, print_to_stderr, short_program
 from runtime.host.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.host.suggestions import suggestion
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.cli.parsing import Parser, short_program
-from runtime.host.console.terminal import print_lines
+from runtime.cli.parsing import Parser
+from runtime.host.console.terminal import print_lines, short_program
 from runtime.host.errors import OK
 from runtime.setup.laboratory import create
 

@@ -11,7 +11,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from runtime.host.console.terminal import exit_code, print_lines, program
+from runtime.host.console.terminal import exit_code, print_lines, program, short_program
 from runtime.host.errors import BadInput
 from runtime.host.options import number, whole_number
 from runtime.host.suggestions import unknown_option
@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from runtime.session.request import Request
-
-
-def short_program() -> str:
-    """Return the name of this program in help texts: without the path of the interpreter."""
-    return "tickwork" if program().endswith("tickwork") else "python -m runtime"
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
-from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.cli.parsing import Parser, add_options, fields_of, instance
+from runtime.host.console.terminal import print_lines, print_to_stderr, short_program
 from runtime.host.errors import OK, BadInput
 from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.rig.acceptance import require_acceptance

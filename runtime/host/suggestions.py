@@ -5,7 +5,6 @@ Imports nothing of graph, whose graph.names has the same function, so that it wo
 
 from __future__ import annotations
 
-import difflib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,6 +15,8 @@ SIMILARITY = 0.65  # smallest ratio of difflib, from 0 to 1
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return 'did you mean ...?' for a misspelt word, or ''."""
+    import difflib  # for a mistake alone
+
     near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=SIMILARITY)
     return f"did you mean {near[0]!r}?" if near else ""
 

@@ -37,6 +37,11 @@ def program() -> str:
     return f"{name or relative(sys.executable)} -m runtime"
 
 
+def short_program() -> str:
+    """Return the name of this program in help texts: without the path of the interpreter."""
+    return "tickwork" if program().endswith("tickwork") else "python -m runtime"
+
+
 def on_path(name: str, file: str) -> bool:
     """Return whether the shell finds `file` under this name.
 
