@@ -3,8 +3,6 @@
 import importlib
 import re
 
-import pytest
-
 from tests.checkout import ROOT
 from tests.docs.pages import NAMES, PAGES, anchors
 
@@ -14,21 +12,28 @@ NAME = re.compile(rf"`((?:{PACKAGES})\.[\w.]+)(?:\([^`]*\))?`")
 OTHERS = {"docs/how_to/laboratory.md": ("diagrams/knee.py", "tests/test_blocks.py")}  # files of another package
 
 
-@pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_links_have_targets(page):
-    for target, anchor in re.findall(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
-        path = page.parent / target if target else page
-        assert path.exists(), target
-        assert not anchor or anchor in anchors(path), f"{target}#{anchor}"
+def test_links_have_targets():
+    missing = []
+    for page, name in zip(PAGES, NAMES):
+        for target, anchor in re.findall(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
+            path = page.parent / target if target else page
+            if not path.exists() or anchor and anchor not in anchors(path):
+                missing.append(f"{name}: {target}#{anchor}")
+    assert not missing, "\n".join(missing)
 
 
-@pytest.mark.parametrize("page", [name for name in NAMES if not name.endswith("CHANGELOG.md")])
-def test_paths_and_python_names_in_the_text_exist(page):
-    text = (ROOT / page).read_text()
-    for path in PATH.findall(text):
-        assert path in OTHERS.get(page, ()) or (ROOT / path).exists(), path
-    for name in NAME.findall(text):
-        assert name.endswith(".py") or exists(name), name  # a file of the user
+def test_paths_and_python_names_in_the_text_exist():
+    missing = []
+    for page in [name for name in NAMES if not name.endswith("CHANGELOG.md")]:
+        text = (ROOT / page).read_text()
+        missing += [
+            f"{page}: {path}"
+            for path in PATH.findall(text)
+            if path not in OTHERS.get(page, ()) and not (ROOT / path).exists()
+        ]
+        # a name that ends with .py is a file of the user
+        missing += [f"{page}: {name}" for name in NAME.findall(text) if not name.endswith(".py") and not exists(name)]
+    assert not missing, "\n".join(missing)
 
 
 def exists(name):
