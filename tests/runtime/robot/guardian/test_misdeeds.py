@@ -93,7 +93,7 @@ def test_a_block_that_closes_the_descriptors_of_the_run_ends_it_at_once_and_is_r
             "sys.stdout = sys.stderr = None; raise OSError(5)",
             "sys.stdout = sys.stderr = open('/dev/full', 'w'); raise OSError(5)",
         ],
-        but=[0, 3],
+        but=[0],
     ),
 )
 def test_a_block_that_closes_the_standard_streams_does_not_change_the_end_of_the_run(bus, deed, tmp_path):
@@ -117,7 +117,7 @@ TAKEN = {
     # a process of another account cannot end a guardian of root that is suspended
     soaked(
         [(by, what) for by in ("SIGKILL", "SIGSTOP") for what in TAKEN if (by, what) != ("SIGSTOP", "another account")],
-        but=[0, 7],
+        but=[7],
     ),
 )
 def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_block_has_done(bus, by, what):

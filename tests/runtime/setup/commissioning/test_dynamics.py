@@ -27,9 +27,10 @@ def measured(joint, drive=AK80, **faults):
 
 
 @pytest.mark.hazard("H4i")
-def test_estimates_are_near_and_their_intervals_contain_the_truth_nine_times_in_ten():
+@pytest.mark.parametrize("rounds", [1, pytest.param(2, marks=pytest.mark.soak)])
+def test_estimates_are_near_and_their_intervals_contain_the_truth_nine_times_in_ten(rounds):
     chance, inside, all_of_them = random.Random(7), 0, 0
-    for drive in DRIVES * 2:
+    for drive in DRIVES * rounds:
         limit = 0.05 * rated_of(block_of(*drive))
         joint = {
             "inertia": 0.004 * 40.0 ** chance.random() * max(1.0, limit / 0.45),
