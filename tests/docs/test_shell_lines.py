@@ -26,6 +26,7 @@ READERS_CHOICE = {
     "sudo apt install gcc python3-dev": "to compile from source without make",
     "sudo apt install qemu-user": "for wheels of another processor",
     "sudo apt install clang-19": "for `make soak` and `make sanitize`",
+    "sudo apt install libfaketime": "for the ten minutes with LabRecorder in `make soak`",
     "sudo systemctl enable --now knee": "the reader's service, start_at_boot.md",
     "sudo chgrp lab": "the reader's recordings",
     "sudo sh fix.sh": "runs the script",
