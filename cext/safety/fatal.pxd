@@ -4,5 +4,5 @@ from cext.fused.locate cimport CodeMap
 from cext.memory.shared_state cimport SharedLayout
 
 cdef void end_hung() noexcept nogil
-cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *at, items, bytes python) except -1
+cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *at, bytes items, bytes python) except -1
 cdef void give_back_fatal() noexcept nogil

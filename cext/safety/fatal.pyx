@@ -95,21 +95,20 @@ cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept n
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *present, items, bytes python) except -1:
+cdef int take_fatal(SharedLayout *layout, const CodeMap *map, const int32_t *present, bytes items, bytes python) except -1:
     """Raise the fence and report the end on fatal signals and exit() from now on. The calling thread is the loop's.
 
     layout : NULL without shared state, and so without reports of signals
     map : steps of the machine code, or NULL
     present : item of the stopwatch that the loop executes, below 0: none
-    items : names of the items
+    items : names of the items, each with a line feed
     python : whether each is a step in Python, as a byte
     """
     global shared, loop, code, at, lines, names, kinds, steps
     cdef action install
     cdef stack_t own
     cdef int index
-    lines = "\n".join([*items, ""]).encode()
-    names, kinds, steps = lines, python, python
+    lines, names, kinds, steps = items, items, python, python
     shared, loop, code, at = layout, pthread_self(), map, present
     if layout == NULL:
         return 0

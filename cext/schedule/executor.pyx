@@ -91,6 +91,8 @@ cdef class Executor(Waiting):
     cdef int status                  # of the newest tick, or why the run ends
     cdef double fade_out             # s
     cdef int64_t ends_at             # grid point before which commands have faded out; -1: none
+    cdef bytes items                 # names of the items of the stopwatch, each with a line feed
+    cdef bytes python                # whether each is a step in Python
     cdef bint begun                  # whether `advance` has armed
     cdef tuple unanswered            # devices that did not reply while arming
 
@@ -109,6 +111,8 @@ cdef class Executor(Waiting):
         self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, guard > 0.0 and not virtual,
             others)
         self.body.handover = self.watchdog.handover
+        self.items = "".join(f"{name}\n" for name in names(control.schedule)).encode()
+        self.python = python_steps(control.schedule)
         if self.body.handover == NULL:                               # else the watchdog ends a step that hangs
             self.signals.ignored = end_hung
         self.control, self.plant, self.layout, self.virtual = control, plant, self.publisher.layout, virtual
@@ -245,8 +249,7 @@ cdef class Executor(Waiting):
 
     cdef int begin_watch(self) except -1:
         self.watchdog.start()
-        take_fatal(self.layout, self.control.code_map(), self.control.at, names(self.control.schedule),
-            python_steps(self.control.schedule))
+        take_fatal(self.layout, self.control.code_map(), self.control.at, self.items, self.python)
         # else a signal that Python has caught would wait for the end of the run
         PyErr_CheckSignals()
         return 0
