@@ -100,7 +100,7 @@ def test_motors_are_stopped_by_loop_or_guardian(leg, sign):
 
 def test_a_safe_stop_in_a_position_mode_sets_the_current_limit_to_zero_first(leg):
     start, node = leg
-    process = start(', mode="csp"', "position_command=0.1")
+    process = start(', mode="csp", timeout=0.5', "position_command=0.1")  # the drives may be held up
     assert hear(
         node, 10.0, lambda kind, to, frame: kind == 18 and frame[1][:4] == CURRENT_LIMIT and frame[1][4:] != bytes(4)
     )
