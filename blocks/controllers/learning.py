@@ -16,19 +16,20 @@ class IterativeLearning(Block):
     For errors that repeat in every stride, such as those of friction and of the delay of a drive. e is the reference
     less the measurement. Q is the projection on the mean and the first `harmonics` of the phase, without a phase shift.
     With a linear plant G and f = 0, the error at each of them changes by the factor 1 − L G e^(iω lead) per stride, and
-    decreases where its magnitude is below 1. (Arimoto et al. 1984; Bristow, Tharayil and Alleyne 2006; for the
-    torque of exoskeletons Zhang, Cheah and Collins 2017)
+    decreases where its magnitude is below 1. A harmonic of two ticks or fewer learns nothing, and the part of u beyond
+    `limit` is removed in the next stride that teaches. (Arimoto et al. 1984; Bristow, Tharayil and Alleyne 2006; for
+    the torque of exoskeletons Zhang, Cheah and Collins 2017)
 
     A stride teaches if `learning` and `enable` were true throughout it, its duration differs from the usual one, or
     that of the stride before, by at most `tolerance`, and the phase neither jumped nor moved back by more than 0.1. A
     stop, a stumble, a backward step and an invalid phase teach nothing. The command changes at phase 0, where a stride
-    ends, and is 0 while `enable` is false. Direct feedthrough. NaN passes, infinity becomes NaN; the stride then
-    teaches nothing.
+    ends, and is 0 while `enable` is false. Direct feedthrough. NaN passes, even while `enable` is false, and infinity
+    becomes NaN; the stride then teaches nothing.
     """
 
     rules = ("shortest < longest",)
 
-    gain = Param(0.3, "any", "learning gain L, at most about 1/|G|; 0 keeps the command", min=0.0, max=10.0, live=True)
+    gain = Param(0.3, "any", "learning gain L, at most about 1/|G|", min=0.0, max=10.0, live=True)
     lead = Param(
         0.0, "s", "advance of the error: the delay from the command to the measurement", min=0.0, max=0.5, live=True
     )
@@ -50,6 +51,7 @@ class IterativeLearning(Block):
     rms_error = Output("any", "root mean square of r − y over the last stride of usual duration; 0 before one")
     curve = Memory(0.0, "mean, then cosine and sine of each harmonic of the command")
     sums = Memory(0.0, "the same of the error of the present stride")
+    excess = Memory(0.0, "the same of the curve beyond `limit`")
     state = Memory((math.nan, *[0.0] * 9), "phase, the present stride, durations, count of strides and RMS error")
 
     kernel = kernels.learning
@@ -58,7 +60,7 @@ class IterativeLearning(Block):
         self.unit = canonical(self.unit)
         if self.unit != ANY:
             self.outputs = self.outputs | {"command": in_unit(self.outputs["command"], self.unit)}
-        self.curve = self.sums = [0.0] * (1 + 2 * self.harmonics)
+        self.curve = self.sums = self.excess = [0.0] * (1 + 2 * self.harmonics)
 
     def output_range(self, **inputs: Interval) -> Interval | dict[str, Interval]:
         return {"command": Interval(-self.limit, self.limit)}

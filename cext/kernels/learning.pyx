@@ -24,9 +24,9 @@ cdef enum:                              # state
 
 cdef struct Learning:
     int32_t phase, reference, measurement, enable, learning, command, strides, rms_error
-    int32_t gain, lead, forgetting, tolerance, shortest, longest, limit, curve, sums, state
+    int32_t gain, lead, forgetting, tolerance, shortest, longest, limit, curve, sums, excess, state
 
-LEARNING = items((<Learning *>ITEMS)[0], "curve[...] sums[...] state[10]")
+LEARNING = items((<Learning *>ITEMS)[0], "curve[...] sums[...] excess[...] state[10]")
 
 
 cdef inline double series(const double *curve, int count, double phase) noexcept nogil:
@@ -48,18 +48,27 @@ cdef inline double series(const double *curve, int count, double phase) noexcept
 
 cdef inline void gather(double *arena, const Learning *at, int count, double error, double phase,
                         double share) noexcept nogil:
-    """Add the error at a phase to the coefficients of the stride. share : of the stride that it stands for"""
+    """Add the error, and the curve beyond the limit, to the coefficients of the stride.
+
+    share : of the stride that the phase stands for
+    """
     cdef double *sums = arena + at.sums
+    cdef double *excess = arena + at.excess
+    cdef double beyond = series(arena + at.curve, count, phase)
     cdef double c1 = cos(2.0 * M_PI * phase)
     cdef double s1 = sin(2.0 * M_PI * phase)
     cdef double c = c1
     cdef double s = s1
     cdef double before
     cdef int k
+    beyond -= clip(beyond, -arena[at.limit], arena[at.limit])
     sums[0] += share * error
+    excess[0] += share * beyond
     for k in range(1, count, 2):
         sums[k] += 2.0 * share * error * c
         sums[k + 1] += 2.0 * share * error * s
+        excess[k] += 2.0 * share * beyond * c
+        excess[k + 1] += 2.0 * share * beyond * s
         before = c
         c = c * c1 - s * s1
         s = s * c1 + before * s1
@@ -67,9 +76,10 @@ cdef inline void gather(double *arena, const Learning *at, int count, double err
 
 
 cdef inline void teach(double *arena, const Learning *at, int count, double seconds) noexcept nogil:
-    """Update the curve from the error of a stride, which is advanced by `lead`, in the bounds of a limited curve."""
+    """Update the limited curve from the error of a stride, which is advanced by `lead`, without wind-up."""
     cdef double *curve = arena + at.curve
     cdef double *sums = arena + at.sums
+    cdef double *excess = arena + at.excess
     cdef double kept = 1.0 - arena[at.forgetting]
     cdef double gain = arena[at.gain]
     cdef double c1 = cos(2.0 * M_PI * arena[at.lead] / seconds)
@@ -78,10 +88,12 @@ cdef inline void teach(double *arena, const Learning *at, int count, double seco
     cdef double s = s1
     cdef double most, before
     cdef int k
-    curve[0] = clip(kept * curve[0] + gain * sums[0], -arena[at.limit], arena[at.limit])
+    curve[0] = clip(kept * (curve[0] - excess[0]) + gain * sums[0], -arena[at.limit], arena[at.limit])
     for k in range(1, count, 2):
-        curve[k] = kept * curve[k] + gain * (sums[k] * c + sums[k + 1] * s)
-        curve[k + 1] = kept * curve[k + 1] + gain * (sums[k + 1] * c - sums[k] * s)
+        if (k + 1) * arena[DT] > 0.999 * seconds:
+            gain = 0.0                  # fewer than two ticks in a period: the error there is that of a lower harmonic
+        curve[k] = kept * (curve[k] - excess[k]) + gain * (sums[k] * c + sums[k + 1] * s)
+        curve[k + 1] = kept * (curve[k + 1] - excess[k + 1]) + gain * (sums[k + 1] * c - sums[k] * s)
         # 4/π: the first harmonic of a square wave between the limits. No other curve within them has a larger one.
         most = 4.0 / M_PI * arena[at.limit] / max(sqrt(curve[k] * curve[k] + curve[k + 1] * curve[k + 1]), 1e-150)
         if most < 1.0:
@@ -117,7 +129,7 @@ cdef inline void finish(double *arena, const Learning *at, int count) noexcept n
     state[SOUND] = state[LEARNS] = 1.0
     state[SECONDS] = state[BACK] = state[SQUARES] = 0.0
     for k in range(count):
-        arena[at.sums + k] = 0.0
+        arena[at.sums + k] = arena[at.excess + k] = 0.0
 
 
 cdef int learning_kernel(double *arena, const Learning *at, const Learning *sizes) noexcept nogil:
@@ -148,6 +160,8 @@ cdef int learning_kernel(double *arena, const Learning *at, const Learning *size
             state[SECONDS] += (1.0 - share) * arena[DT]
             gather(arena, at, sizes.curve, error, phase, (1.0 - share) * step)
             finish(arena, at, sizes.curve)
+            if phase > JUMP_LIMIT:
+                state[SOUND] = 0.0      # the jump has left out the beginning
         # 2. Gather the error of the stride.
         if learning == 0.0:
             state[LEARNS] = 0.0

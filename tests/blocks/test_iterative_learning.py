@@ -115,6 +115,43 @@ def test_the_command_stays_within_its_limit_without_windup_and_is_zero_while_dis
     assert np.all(commands == 0.0)
 
 
+@pytest.mark.parametrize("harmonics", [3, 8, 64])
+def test_a_reference_beyond_the_limit_winds_no_harmonic_up(harmonics):
+    def peak(phase):
+        return math.exp(-(((phase - 0.5) / 0.05) ** 2))
+
+    loop = Loop(lambda phase: 12.0 * peak(phase), gain=0.3, lead=0.05, harmonics=harmonics, limit=5.0)
+    for _ in range(100):
+        _, commands, _ = loop.run()
+    assert commands.max() > 4.9
+    loop.reference = lambda phase: 2.0 * peak(phase)
+    for _ in range(8):
+        _, commands, _ = loop.run()
+    assert commands.max() < 4.0
+
+
+def test_a_jump_across_phase_0_teaches_nothing_in_both_strides():
+    loop = Loop(waves)
+    for _ in range(5):
+        loop.run()
+    *_, (strides, _) = loop.run()
+    loop.run(STRIDE[:180])
+    *_, (torn, _) = loop.run(STRIDE[24:])
+    *_, (short, _) = loop.run()
+    assert torn == short == strides + 1
+
+
+def test_a_harmonic_of_two_ticks_or_fewer_does_not_teach_a_lower_one_again():
+    """In 50 ticks, the harmonics 36 and 64 are harmonic 14: three times the gain would diverge."""
+    block = IterativeLearning(gain=0.5, harmonics=64, limit=50.0)
+    block.dt, command = 0.02, np.zeros(50)
+    for _ in range(60):
+        for tick in range(50):
+            error = math.cos(14 * math.tau * tick / 50) - command[tick]
+            command[tick], strides, rms = block.step(phase=tick / 50, reference=error, measurement=0.0)
+    assert strides > 50 and rms < 1e-6
+
+
 class Friction(Block):
     """Coulomb friction of a drive."""
 
