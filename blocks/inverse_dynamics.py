@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from blocks._plumbing.paths import path_beside
-from blocks._plumbing.ports import check_port_names
+from blocks._plumbing.ports import check_port_names, port_name
 from blocks._plumbing.robot_files import Body, Joint, bodies_of
 from blocks.mujoco import files_of, listed
 from cext.kernels import inverse_dynamics as kernels
@@ -32,7 +31,7 @@ class InverseDynamics(Block):
 
     A revolute joint `knee` has the inputs `knee_position`, `knee_velocity` and `knee_acceleration` and the output
     `knee_torque` (prismatic: `knee_force`). Velocities and accelerations that are not connected are 0: positions alone
-    give the gravity compensation. Characters that an identifier cannot have become underscores.
+    give the gravity compensation. Names become those of ports as in `MujocoBody`.
 
     Positions are those of the file. Joints that are not listed are held: in URDF at 0, in MJCF in the reference pose.
     The base does not accelerate or rotate; `orientation` may come from an IMU on it. Masses, inertias and the armature
@@ -74,7 +73,7 @@ class InverseDynamics(Block):
         self.links = np.concatenate([link.numbers() for link in self.tree])
         self.states = np.zeros(STATE * (len(self.tree) + 1))
         ordered = sorted(self.tree, key=lambda link: link.port)
-        self.stems = [re.sub(r"\W|^(?=\d)", "_", link.joint.name) for link in ordered]
+        self.stems = [port_name(link.joint.name, (), "") for link in ordered]
         units = [SLIDING if link.joint.slides else TURNING for link in ordered]
         self.inputs = {
             f"{stem}_{word}": Input(unit[word], f"{word} of the joint", default=default).named(f"{stem}_{word}")

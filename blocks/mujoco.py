@@ -44,7 +44,7 @@ class MujocoBody(Block):
     """Body in an MJCF file, which MuJoCo advances by one tick of the diagram: a plant with contacts and many joints.
 
     The ports follow from the model, by the names in the file. Characters that an identifier cannot have become
-    underscores. What has no name has no port.
+    underscores, and x comes before a name that would begin with a digit or an underscore. What has no name has no port.
 
     Each actuator is an input: N·m or N for a motor, rad or m and their rates for a servo, else 1. A hinge or slide
     `knee` has the outputs `knee_position` and `knee_velocity` and the input `knee_torque` (slide: `knee_force`), a

@@ -77,7 +77,7 @@ def random_mjcf(dice, depth=4):
 
 
 def port_stem(joint):
-    return ("_" * joint[0].isdigit() + joint).replace(".", "_")
+    return ("x" * joint[0].isdigit() + joint).replace(".", "_")
 
 
 def wanted(model, block, gravity, position, velocity, acceleration):
