@@ -268,6 +268,8 @@ def agrees(unit: str, base: Any) -> bool:
 _RESERVED_NAMES = {
     *dir(Fmu),
     *Fmu.parameters,
+    "self",  # arguments of methods
+    "dt",
     "slave",
     "direct",
     "to_step",

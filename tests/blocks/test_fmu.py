@@ -94,6 +94,15 @@ def test_a_run_equals_the_simulation_of_fmpy_and_each_block_and_run_has_its_own_
     np.testing.assert_allclose(first["delayed.error"], expected["error"][:200], rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["self", "dt", "step"])
+def test_a_variable_may_have_the_name_of_an_argument_or_a_method(spring, tmp_path, name):
+    file = fmus.repack(spring, tmp_path / "named.fmu", FMI2.replace('name="velocity"', f'name="{name}"'))
+    with Diagram("named", rate=200) as diagram:
+        Fmu(file, name="fmu")(**{f"{name}_port": Sine(unit="rad/s", name="velocity")()})
+    recording = run(diagram, 20)
+    assert recording.outcome.status == "ok" and np.ptp(recording["fmu.torque"]) > 0.0
+
+
 FAULTS = {
     2: r"modes\.torque is inf, outside its declared range \[-40, 40\]",
     3: r"fmi2DoStep returned error: no solution at 0\.01 s",
