@@ -88,7 +88,7 @@ class RecorderProcess(ChildProcess):
             from cext.ring.sealed_memory import empty_memory
 
         self.memory = empty_memory("tickwork") if shared is None else shared.fd
-        self._memory_file = identity(self.memory)
+        self._memory_file, self._owner = identity(self.memory), os.getpid()
         self.terminal = own_terminal()
         keys = -1 if self.terminal is None else self.terminal
         numbers = (os.getpid(), self.memory, keys, companion)
@@ -127,12 +127,14 @@ class RecorderProcess(ChildProcess):
 
     @property
     def usable(self) -> bool:
-        """Whether it waits for its plan. Code of this process may have ended it, or closed its descriptors."""
-        return self.connected and self.alive and identity(self.memory) == self._memory_file
+        """Whether it waits for its plan. Code of this process may have ended it, closed its descriptors, or forked."""
+        return (
+            os.getpid() == self._owner and self.connected and self.alive and identity(self.memory) == self._memory_file
+        )
 
     def dismiss(self) -> None:
-        """End the process if it has received no plan."""
-        if not self._planned:
+        """End the process if it has received no plan, unless this is a fork of its owner."""
+        if not self._planned and os.getpid() == self._owner:
             self.abandon()
 
     @property

@@ -160,10 +160,25 @@ def test_a_working_folder_that_was_deleted_is_reported(tmp_path):
     assert os.listdir(tmp_path) == ["robot.py"]
 
 
+FORK = """
+if not os.fork():  # a second run, in another folder
+    os.mkdir("child")
+    os.chdir("child")
+    for number in (1, 2):
+        os.dup2(os.open("output", os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
+"""
+
+
 @pytest.mark.paced
 @pytest.mark.parametrize(
     "does, code",
-    [("os.closerange(3, 1024)", 0), ("os.system('kill -9 $(pgrep -P $PPID -f recorder.process)')", 0), ("1 / 0", 2)],
+    [
+        ("os.closerange(3, 1024)", 0),
+        ("os.system('kill -9 $(pgrep -P $PPID -f recorder.process)')", 0),
+        (FORK, 0),
+        ("1 / 0", 2),
+    ],
+    ids=["descriptors closed", "recorder killed", "fork", "exception"],
 )
 def test_a_diagram_cannot_break_the_recorder_that_waits_for_it(tmp_path, does, code):
     """It waits while the diagram is loaded; another starts where it cannot be used, and without a run it ends."""
