@@ -83,6 +83,7 @@ def await_file(path, seconds=60.0):
     while not path.exists() and time.monotonic() < deadline:
         time.sleep(0.01)
     assert path.exists(), path
+    time.sleep(0.2)  # a signal between the last check of the interpreter and its system call would wait for the latter
 
 
 def await_one(folder, pattern, seconds=60.0):
