@@ -9,7 +9,7 @@ from blocks.sensors.microcontroller import Microcontroller
 from blocks.serial_lines import speed_of
 from cext.kernels import no_io
 from cext.kernels.devices import bno085 as kernels
-from graph import Input, Interval, Memory, Output, Param, StreamDevice
+from graph import Input, Interval, Memory, Output, StreamDevice
 
 RATE, MESSAGE_BYTES, BAUDRATE = 100.0, 19, 115200  # Hz, of a message, 1/s
 RANGES = {
@@ -29,15 +29,7 @@ class BNO085RVC(StreamDevice):
     messages. (Hillcrest, BNO080 Data Sheet 1000-3927, 1.3.5.2)
     """
 
-    port, serial = Microcontroller.parameters["port"], Microcontroller.parameters["serial"]
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a message after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    port, serial, timeout = (Microcontroller.parameters[name] for name in ("port", "serial", "timeout"))
 
     yaw = Output("rad", "rotation about z since power-on", circle=(-math.pi, math.pi))
     pitch = Output("rad", "rotation about y")
