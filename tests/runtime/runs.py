@@ -2,6 +2,7 @@
 
 import atexit
 import functools
+import gc
 import itertools
 import json
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -159,6 +161,19 @@ def below(pid):
             for child in map(int, Path(f"/proc/{pid}/task/{thread}/children").read_text().split()):
                 yield child
                 yield from below(child)
+
+
+def open_files():
+    """Counter of the files of this process: `open_files() - before` are those that have been opened and not closed.
+
+    Without sockets: the threads of a library that another test has used open and close theirs at any time.
+    """
+    gc.collect()
+    links = []
+    for number in os.listdir("/proc/self/fd"):
+        with suppress(OSError):  # that of the listing
+            links.append(os.readlink(f"/proc/self/fd/{number}"))
+    return Counter(link for link in links if not link.startswith(("socket:", "anon_inode:[event")))
 
 
 def stamps(datagrams):

@@ -21,7 +21,7 @@ from runtime.record.storage.format import Frame
 from runtime.session import own_process
 from runtime.session.request import Request, RunOptions
 from tests.runtime.robot.guardian.bus import PATIENT, ROBOT, Bus
-from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, server, write
+from tests.runtime.runs import DISABLE, FORKING, NOTHING, environment, knee, open_files, server, write
 from tests.runtime.terminals import patient
 
 paced = pytest.mark.paced
@@ -43,10 +43,6 @@ def bus(folder):
     write(folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=PATIENT))
     with Bus(folder, number=11) as bus:
         yield bus
-
-
-def files_of_this_process():
-    return len(os.listdir("/proc/self/fd")), psutil.Process().children()
 
 
 def sent(trial, can_id=1):
@@ -89,14 +85,14 @@ def test_arguments_that_do_not_fit_raise_bad_input_without_a_process(arguments, 
 @paced
 def test_a_run_in_real_time_returns_the_trial_of_its_recording(folder, capsys):
     server()
-    before = files_of_this_process()
+    before, children = open_files(), psutil.Process().children()
     trial = runtime.run(knee(folder), 0.5, fast=False, trial={"subject": "S03"}, settings={"knee.timeout": 0.2})
     assert trial.complete and trial.fault is None and trial.fields == {"subject": "S03"}
     assert 90 <= trial.tick[-1] <= 99 and trial.about["metadata"]["settings"] == {"knee.timeout": "0.2"}
     assert [trial.path] == list(Path("recordings").glob("*_S03_*.mcap"))
     printed = capsys.readouterr().out
     assert printed.startswith("knee: 0.5 s at 200 Hz, simulated\n") and "try next" not in printed
-    assert files_of_this_process() == before
+    assert not open_files() - before and psutil.Process().children() == children
 
 
 @paced
@@ -200,12 +196,12 @@ def test_an_interrupt_at_the_table_ends_the_run_before_it_is_armed(bus, monkeypa
         raise KeyboardInterrupt
 
     monkeypatch.setattr("builtins.input", interrupted)
-    before = files_of_this_process()
+    before, children = open_files(), psutil.Process().children()
     with pytest.raises(KeyboardInterrupt, match="its recording is"):
         runtime.run("robot.py", rig="lab.toml")
     bus.listen()
     assert {frame.data for frame in bus.commands(1)} == {NOTHING, DISABLE}, "no motor was enabled"
-    assert files_of_this_process() == before
+    assert not open_files() - before and psutil.Process().children() == children
 
 
 @paced

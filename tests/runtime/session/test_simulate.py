@@ -24,7 +24,7 @@ from graph import Block, Diagram, DiagramError, Output
 from runtime.host.errors import OK, BadInput
 from runtime.robot.loading.file import compile_diagram, load
 from runtime.robot.loading.simulation import Simulation
-from tests.runtime.runs import KNEE_EXO, knee
+from tests.runtime.runs import KNEE_EXO, knee, open_files
 
 HIP_EXO = KNEE_EXO.with_name("hip_exo.py")
 HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
@@ -272,24 +272,15 @@ def test_an_error_of_the_diagram_is_a_diagram_error():
 def test_runtime_run_leaves_no_files_and_prints_nothing(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     runtime.run(KNEE_EXO, 1)
-    process = psutil.Process()
+    process, opened = psutil.Process(), open_files()
 
     def state():
-        gc.collect()
-        descriptors = len(os.listdir("/proc/self/fd"))
-        return (
-            descriptors,
-            process.num_threads(),
-            len(process.children()),
-            len(sys.modules),
-            sorted(os.listdir("/dev/shm")),
-        )
+        return process.num_threads(), len(process.children()), len(sys.modules), sorted(os.listdir("/dev/shm"))
 
-    descriptors, *before = state()
+    before = state()
     for _ in range(5):
         runtime.run(KNEE_EXO, 1)
-    after, *others = state()
-    assert others == before and after <= descriptors  # less where an object of another test was collected meanwhile
+    assert state() == before and not open_files() - opened
     assert list(tmp_path.iterdir()) == [] and capfd.readouterr() == ("", "")
 
 

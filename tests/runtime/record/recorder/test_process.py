@@ -31,6 +31,7 @@ from tests.runtime.record.recorder.running import (
     run,
     sink,
 )
+from tests.runtime.runs import open_files
 from tests.runtime.terminals import patient
 
 pytestmark = pytest.mark.paced
@@ -518,7 +519,7 @@ def test_no_descriptor_and_no_process_remains_after_a_run(tmp_path):
         record(plan(tmp_path, sink(CSV, "a", SIGNALS)), [row(0, 1.0)])
 
     once()
-    before, children = len(os.listdir("/proc/self/fd")), psutil.Process().children()
+    before, children = open_files(), psutil.Process().children()
     for _ in range(3):
         once()
-    assert len(os.listdir("/proc/self/fd")) == before and psutil.Process().children() == children
+    assert not open_files() - before and psutil.Process().children() == children
