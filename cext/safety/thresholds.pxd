@@ -71,6 +71,10 @@ cpdef enum:
     # ns: time without a tick, or for the start of the blocks, that the guardian always allows
     LOOP_STALL_MINIMUM = 40000000
 
+    # ns: each of these, and the guardian's silence, at least in a run without actuators and relays; a block may hang
+    #     for half of it
+    NOTHING_TO_STOP = 1000000000
+
     # ns: longest period of the guardian's checks of the loop
     GUARDIAN_LOOK_PERIOD = 5000000
     # ns: time without a check by the guardian after which the loop ends the run

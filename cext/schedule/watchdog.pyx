@@ -39,8 +39,7 @@ from cext.schedule.handover cimport LOOP, take_over
 from cext.threads cimport be_called, doze, start_thread, wake
 from cext.safety.thresholds cimport (
     BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED,
-    LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS,
-    STOP_LIMIT, STOP_ROUND,
+    LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, NOTHING_TO_STOP, STOP_LIMIT, STOP_ROUND,
 )
 
 cdef size_t STACK = 256 << 10           # bytes
@@ -69,6 +68,8 @@ cdef class Watchdog:
         self.program, self.publisher, self.caught = program, publisher, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
+        if publisher.guard == NOTHING_TO_STOP:                          # earlier than the guardian
+            self.limit = max(self.limit, NOTHING_TO_STOP // 2)
         self.handover = &self.shared if wanted else NULL
         program.hand_over(self.handover)
 

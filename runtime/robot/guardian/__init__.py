@@ -34,7 +34,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from cext.clock.stopwatch import names
-from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, NOTHING_TO_STOP
 from runtime.host.child_process import ChildProcess
 from runtime.host.console.terminal import StopMessages
 from runtime.host.descriptors import Descriptors, SpareDescriptors
@@ -310,13 +310,20 @@ def _ending(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def plan(buses: list[PlanBus], schedule: Schedule, priority: int | None, relays: Sequence[PlanRelay] = ()) -> Plan:
+def plan(
+    buses: list[PlanBus],
+    schedule: Schedule,
+    priority: int | None,
+    relays: Sequence[PlanRelay] = (),
+    commands: bool = True,
+) -> Plan:
     """Return the guardian's plan.
 
     buses : CAN buses, in the order of the schedule
     schedule : schedule of the robot on its rig
     priority : SCHED_FIFO priority of the loop, or None
     relays : relays of charge pumps
+    commands : whether the run has an actuator or a relay; otherwise there is nothing to stop
     """
     place = {
         bus: number
@@ -342,7 +349,7 @@ def plan(buses: list[PlanBus], schedule: Schedule, priority: int | None, relays:
         "relays": list(relays),
         "locks": [],
         "items": names(schedule),
-        "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
+        "limit": max(LOOP_STALL_PERIODS / schedule.rate, (LOOP_STALL_MINIMUM if commands else NOTHING_TO_STOP) * 1e-9),
         "priority": None if priority is None else priority + 1,
     }
 

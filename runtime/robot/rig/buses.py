@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
-from cext.safety.thresholds import GUARDIAN_SILENCE, GUARDIAN_SILENCE_REALTIME, TX_QUEUE_FULL_LIMIT
-from graph import Device, StreamDevice
+from cext.safety.thresholds import GUARDIAN_SILENCE, GUARDIAN_SILENCE_REALTIME, NOTHING_TO_STOP, TX_QUEUE_FULL_LIMIT
+from graph import Actuator, Device, StreamDevice
 from runtime.host.descriptors import Descriptors
 from runtime.host.machine.probe import Machine
 from runtime.robot.guardian import MEMORY_LOCKED, REALTIME, GuardianError, GuardianProcess, with_flags
@@ -92,6 +92,7 @@ class RigBuses:
         self.lines, self.bell = None, -1
         self.left: dict[str, dict[str, Any]] = {}  # counts of buses that were closed before the end of a stop
         devices = [block for block in robot if isinstance(block, Device)]
+        self.commands = any(isinstance(block, Actuator) or block.relay_time for block in devices)
         self.media = {block.bus: block.medium for block in devices}
         kinds = [rig.buses[name].interface for name in names if self.media[name] == "can"]
         if any(kind not in NATIVE for kind in kinds):
@@ -188,7 +189,10 @@ class RigBuses:
         """Time in s without a check by the guardian after which the loop ends the run.
 
         No other process delays a guardian that has a real-time priority and locked memory; a serial interface may.
+        Without actuators and relays, a measurement outlasts a delay of the computer.
         """
+        if not self.commands:
+            return NOTHING_TO_STOP * 1e-9
         granted = [] if self.guardian is None else self.guardian.granted
         privileged = MEMORY_LOCKED in granted and any(each.startswith(REALTIME) for each in granted)
         prompt = all(
@@ -233,7 +237,7 @@ class RigBuses:
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
-            self.guardian.configure(guardians_plan(buses, schedule, priority, relays))
+            self.guardian.configure(guardians_plan(buses, schedule, priority, relays, self.commands))
         except GuardianError as error:
             problems = [
                 RigProblem(

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from cext.safety.thresholds import NOTHING_TO_STOP
 from runtime.host.errors import FAULT, OK
 from tests.runtime.robot.guardian.bus import guardian_of
 from tests.runtime.robot.rig.test_microstrain import Sensors
@@ -114,7 +115,7 @@ def test_a_run_without_actuators_ends_after_a_pause(robot, whole):
     for number in (signal.SIGSTOP, signal.SIGCONT):
         for pid in paused:
             os.kill(pid, number)
-        time.sleep(0.3)
+        time.sleep(NOTHING_TO_STOP * 1.2e-9)
     out, err = run.communicate(timeout=10)
     assert run.returncode == FAULT, out + err
     assert ("every process of the run was paused" if whole else "loop has stalled") in out + err
@@ -136,7 +137,8 @@ def test_the_guardian_of_a_run_without_actuators_ends_with_it(robot):
             ("raise ValueError('x')", 3, "ValueError: x"),
             ("time.sleep(100)", 3, "law hangs"),
             ("while True: pass", 3, "law hangs"),
-            ("time.sleep(0.25)", 3, "law hangs"),
+            ("time.sleep(0.6)", 3, "law hangs"),
+            ("time.sleep(0.25)", 0, " missed; 0 records dropped"),
             ("os._exit(5)", 5, "died"),
             ("os.kill(os.getpid(), signal.SIGSEGV)", -11, "died of SIGSEGV in law"),
             ("os.closerange(3, 1024)", 3, "file descriptors of the run were closed or replaced"),
@@ -146,8 +148,9 @@ def test_the_guardian_of_a_run_without_actuators_ends_with_it(robot):
             ("signal.raise_signal(signal.SIGHUP)", 129, "stopped by SIGHUP"),
             ("os.kill(guardian(), signal.SIGKILL)", 3, "guardian"),
             ("os.kill(guardian(), signal.SIGSTOP)", 3, "guardian"),
+            ("pid = guardian(); os.kill(pid, signal.SIGSTOP); time.sleep(0.3); os.kill(pid, signal.SIGCONT)", 0, ""),
         ],
-        but=[5, 11],
+        but=[4, 6, 12],
     ),
 )
 def test_a_run_without_actuators_ends_whatever_happens(robot, law, code, said):
