@@ -11,6 +11,7 @@ import json
 import struct
 from collections.abc import Sequence
 from functools import cache
+from struct import Struct, calcsize
 from typing import Any
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
@@ -36,6 +37,7 @@ DEFINITIONS = {  # of ROS 2 Humble to Kilted
 PRIMITIVES: dict[str, str] = {"byte": "B", "int32": "i", "uint32": "I", "float64": "d"}  # type: format of struct
 TYPE_IDS = {"int32": 6, "uint32": 7, "float64": 11, "byte": 16, "string": 17}  # of type_description_interfaces
 NESTED, ARRAY, SEQUENCE = 1, 48, 144  # ID of a message, and what arrays add to that of their elements
+Places = list[tuple[int, str, int]]  # offset, format of struct, number of numbers
 HEADER = b"\x00\x01\x00\x00"  # CDR, least significant byte first
 
 
@@ -82,33 +84,64 @@ def encode(kind: str, message: Sequence[Any]) -> bytes:
     return HEADER + bytes(data)
 
 
-def put(data: bytearray, kind: str, value: Any) -> None:
-    """Append a value of a type."""
+def put(data: bytearray, kind: str, value: Any, places: Places | None = None) -> None:
+    """Append a value of a type. places : takes the place of each number, besides the lengths of strings and arrays"""
     if kind == "string":
         text = value.encode() + b"\0"
-        put(data, "uint32", len(text))
+        pack(data, "I", (len(text),))
         data += text
     elif kind in PRIMITIVES:
-        pack(data, PRIMITIVES[kind], (value,))
+        pack(data, PRIMITIVES[kind], (value,), places)
     else:
         for (_, element, length), part in zip(fields(kind), value):
             if length == 1:
-                put(data, element, part)
+                put(data, element, part, places)
                 continue
             if length is None:
-                put(data, "uint32", len(part))
+                pack(data, "I", (len(part),))
             if element in PRIMITIVES:
-                pack(data, PRIMITIVES[element], part)
+                pack(data, PRIMITIVES[element], part, places)
             else:
                 for each in part:
-                    put(data, element, each)
+                    put(data, element, each, places)
 
 
-def pack(data: bytearray, form: str, values: Sequence[float]) -> None:
+def pack(data: bytearray, form: str, values: Sequence[float], places: Places | None = None) -> None:
     """Append numbers, aligned to their size."""
     if values:
-        data += bytes(-len(data) % struct.calcsize(form))
+        data += bytes(-len(data) % calcsize(form))
+        if places is not None:
+            places.append((len(data), f"{len(values)}{form}", len(values)))
         data += struct.pack(f"<{len(values)}{form}", *values)
+
+
+class Template:
+    """Encoder of messages that differ in their numbers alone: it costs a tenth of `encode`.
+
+    kind, message : type, and one such message
+    """
+
+    def __init__(self, kind: str, message: Sequence[Any]) -> None:
+        body = bytearray()
+        places: Places = []
+        put(body, kind, message, places)
+        self.data, count = bytearray(HEADER + body), 0
+        self.runs: list[tuple[Struct, int, int, int]] = []  # adjacent numbers: format, offset, first and last of them
+        for at, form, numbers in places:
+            offset, first = at + len(HEADER), count
+            if self.runs and self.runs[-1][0].size + self.runs[-1][1] == offset:
+                before, offset, first, _ = self.runs.pop()
+                form = before.format + form
+            else:
+                form = "<" + form
+            count += numbers
+            self.runs.append((Struct(form), offset, first, count))
+
+    def encode(self, numbers: Sequence[float]) -> bytes:
+        """Return a message as CDR. numbers : all numbers of its fields, in the order of the definition"""
+        for form, offset, first, last in self.runs:
+            form.pack_into(self.data, offset, *numbers[first:last])
+        return bytes(self.data)
 
 
 class Decoder:
@@ -144,7 +177,7 @@ class Decoder:
 
     def numbers(self, form: str, count: int) -> tuple[Any, ...]:
         """Return numbers, which are aligned to their size."""
-        size = struct.calcsize(form)
+        size = calcsize(form)
         self.at += -self.at % size if count else 0
         return struct.unpack(f"{self.order}{count}{form}", self.taken(count * size))
 

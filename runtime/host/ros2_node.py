@@ -12,12 +12,12 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from struct import Struct
 from typing import Any
 
 from runtime.host.optional_dependencies import need
-from runtime.host.ros2_messages import encode, type_hash
+from runtime.host.ros2_messages import type_hash
 
 QOS = "::,10:,:,:,,"  # reliable, volatile, the last 10, without deadline, lifespan and lease
 ATTACHMENT = Struct("<qqB16s")  # sequence number, ns since 1970, length and bytes of the publisher's ID
@@ -113,7 +113,7 @@ class Publisher:
     """Publisher of a node. It never waits: a message that the network does not take is dropped."""
 
     def __init__(self, node: Node, topic: str, message: str) -> None:
-        self.message, self.number = message, 0
+        self.number = 0
         key, name = node.declare("MP", topic, message)
         self.id = hashlib.sha256(name.encode()).digest()[:16]
         zenoh = node.zenoh
@@ -121,8 +121,7 @@ class Publisher:
             key, encoding=zenoh.Encoding.APPLICATION_CDR, congestion_control=zenoh.CongestionControl.DROP, express=True
         )
 
-    def put(self, message: Sequence[Any]) -> None:
-        """Publish a message, as runtime.host.ros2_messages describes it."""
+    def put(self, data: bytes) -> None:
+        """Publish a message, as runtime.host.ros2_messages encodes it."""
         self.number += 1
-        attachment = ATTACHMENT.pack(self.number, time.time_ns(), 16, self.id)
-        self.publisher.put(encode(self.message, message), attachment=attachment)
+        self.publisher.put(data, attachment=ATTACHMENT.pack(self.number, time.time_ns(), 16, self.id))

@@ -6,6 +6,7 @@ can         cost of eight drives per tick, and replies lost at 1000 Hz
 clock       lateness of the loop, compared with a C loop; costs of parts of a tick
 deaths      time to the stop after the death of each process of a run
 gait        errors of the gait estimators on recorded walking
+ros2        time from the tick to a subscriber of ROS 2, and of bare Zenoh
 sensors     cost of eight inertial sensors on serial lines
 start       start-up time and memory
 views       lateness of the loop with every recorder and viewer on

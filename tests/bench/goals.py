@@ -33,6 +33,7 @@ PARSER_OVER_PYTHON_RATIO = 10.0
 GAIT_ESTIMATORS = ("thigh: Kalman", "shank: Kalman", "knee: Kalman")
 GAIT_TIMING_MS = 15.0  # ms, median
 GAIT_PHASE_PERCENT = {"steady": 1.5, "sine": 2.5, "steps": 5.0}  # % of a stride, RMS
+ROS2_ADDED_MS = 1.0  # ms from the tick to the call of Zenoh, p99
 LATENESS_WITH_VIEWS_RATIO = 1.5  # times the lateness without viewers, p99
 
 
@@ -196,6 +197,12 @@ def of_gait(data: dict[str, Any]) -> list[Goal]:
     return goals
 
 
+def of_ros2(data: dict[str, Any]) -> list[Goal]:
+    """Return the goals of the bridge to ROS 2."""
+    added = data["ros2"]["a run: grid time to put"]["p99_ms"]
+    return [Goal("from the tick to the call of Zenoh, p99", added, ROS2_ADDED_MS, "ms")]
+
+
 GOALS: dict[str, Callable[[dict[str, Any]], list[Goal]]] = {
     "blocks": of_blocks,
     "bus": of_bus,
@@ -203,6 +210,7 @@ GOALS: dict[str, Callable[[dict[str, Any]], list[Goal]]] = {
     "clock": of_clock,
     "deaths": of_deaths,
     "gait": of_gait,
+    "ros2": of_ros2,
     "sensors": of_sensors,
     "start": of_start,
     "views": of_views,

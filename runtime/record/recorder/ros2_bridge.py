@@ -1,32 +1,37 @@
 """The process that publishes a run to ROS 2. Its service in the recorder starts it, and it ends with the recorder.
 
 It answers with {"ready": text} or {"error": text}, and at the end with {"done": {"messages": number}}. It looks for a
-new row just before each is due, and then every 0.2 ms.
+new row when each is due, and then every 0.1 ms: the loop does not wake it, which would cost a system call per tick.
 """
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from operator import itemgetter
 from struct import Struct
 from typing import Any
 
+from cext.clock import realtime
 from cext.memory.shared_state import SharedState
 from cext.recording.newest_row import NewestRow
 from runtime.host.ending import ignore_signals
 from runtime.host.errors import BadInput
-from runtime.host.ros2_messages import DIAGNOSTICS, IMU, JOINT_STATE
+from runtime.host.ros2_messages import DIAGNOSTICS, IMU, JOINT_STATE, Template, encode
 from runtime.host.ros2_node import Node, named, topic_of
 from runtime.host.system import name_process
 from runtime.record.storage.messages import split
 
-LOOK_PERIOD = 0.0002  # s
-EARLY, BEHIND = 0.0005, 0.002  # s before the next row is due, and if the last one was found late
-IDLE_PERIOD = 0.005  # s, before the first row
+LOOK_PERIOD = 0.0001  # s
+IDLE_PERIOD = 0.005  # s, before the first row, and while none comes
+OVERDUE = 0.1  # s, after which none comes
+SLICE = 1_000_000  # ns, of a processor: less than the usual 3 ms, and more than that of the loop
 DIAGNOSTICS_PERIOD = 1.0  # s
 OK, ERROR = 0, 2  # levels of diagnostic_msgs
 UNKNOWN = (-1.0,) + (0.0,) * 8  # covariance of a quantity that is not measured
@@ -44,6 +49,7 @@ def main(answers: int, control: int, shared: int, events: int) -> None:
     """
     ignore_signals()
     name_process("tickwork-ros2")
+    wake_soon()
     plan = json.loads(sys.stdin.readline())
 
     def answer(message: dict[str, Any]) -> None:
@@ -57,12 +63,24 @@ def main(answers: int, control: int, shared: int, events: int) -> None:
     connected = bridge.node.connected(0.5)
     reached = f"by the router {plan['router']}" if connected else f"as soon as a router runs at {plan['router']}"
     answer({"ready": f"{len(bridge.topics) + 1} topics in domain {plan['domain']}, {reached}"})
+    gc.collect()
+    gc.freeze()  # a collection of all objects that exist now takes longer than a tick
     bridge.run()
     answer({"done": {"messages": bridge.messages}})
 
 
+def wake_soon() -> None:
+    """Let this thread, and those of Zenoh that it starts, run soon after they are due. No privilege is needed."""
+    realtime.set_timer_slack(1)
+    with suppress(OSError):  # a sandbox forbids the call
+        realtime.set_slice(SLICE)
+
+
 class Bridge:
-    """Publishers of one run. topics : [(publisher, function from a row to a message without its header)]"""
+    """Publishers of one run.
+
+    topics : [(publisher, template of its messages, function from a row to their numbers without the stamp)]
+    """
 
     def __init__(self, plan: dict[str, Any], shared: SharedState, events: socket.socket) -> None:
         self.plan, self.shared, self.events = plan, shared, events
@@ -76,17 +94,19 @@ class Bridge:
         self.joints = [path for path in self.blocks if self.units.get(f"{path}.position") in ("rad", "m")]
         self.topics = []
         if self.joints:
-            self.add("joint_states", JOINT_STATE, "", self.joint_states())
+            self.add_joint_states()
         for path in self.blocks:
-            if make := self.imu(path):
-                self.add(path, IMU, named(path), make)
+            self.add_imu(path)
         self.diagnostics = self.node.publisher("/diagnostics", DIAGNOSTICS)
         self.messages, self.last, self.told = 0, None, 0.0
         self.level, self.text = OK, ""
 
-    def add(self, path: str, kind: str, frame: str, make: Callable[[Sequence[float]], tuple[Any, ...]]) -> None:
-        """Add a topic. frame : frame_id of its messages"""
-        self.topics.append((self.node.publisher(topic_of(self.plan["namespace"], path), kind), frame, make))
+    def add(
+        self, path: str, kind: str, fixed: tuple[Any, ...], numbers: Callable[[Sequence[float]], Sequence[float]]
+    ) -> None:
+        """Add a topic. fixed : one of its messages, whose strings and lengths are those of all"""
+        publisher = self.node.publisher(topic_of(self.plan["namespace"], path), kind)
+        self.topics.append((publisher, Template(kind, fixed), numbers))
 
     def elements(self, signal: str, count: int, unit: str) -> list[int] | None:
         """Return the places of the elements of a signal in a row; None if it is not recorded in this unit."""
@@ -94,58 +114,64 @@ class Bridge:
         known = all(self.units.get(path) == unit for path in paths)
         return [2 + self.places[path] for path in paths] if known else None
 
-    def joint_states(self) -> Callable[[Sequence[float]], tuple[Any, ...]]:
-        """Return the function that makes a JointState: positions, and where all joints have them, the others."""
-        names = [named(path) for path in self.joints]
+    def add_joint_states(self) -> None:
+        """Add the topic of the joints: positions, and where all joints have them, velocities and torques."""
         groups = []
         for port in ("position", "velocity", "torque"):
             places = [self.places.get(f"{path}.{port}") for path in self.joints]
             groups.append([2 + place for place in places if place is not None] if None not in places else [])
-        return lambda row: (names, *([row[place] for place in group] for group in groups))
+        names, taken = [named(path) for path in self.joints], sum(groups, [])
+        fixed = (((0, 0), ""), names, *groups)
+        self.add("joint_states", JOINT_STATE, fixed, lambda row: [row[place] for place in taken])
 
-    def imu(self, path: str) -> Callable[[Sequence[float]], tuple[Any, ...]] | None:
-        """Return the function that makes an Imu; None for a block that is not an inertial sensor."""
+    def add_imu(self, path: str) -> None:
+        """Add the topic of a block that is an inertial sensor."""
         gyro, accel = self.elements(f"{path}.gyro", 3, "rad/s"), self.elements(f"{path}.accel", 3, "m/s²")
-        attitude = self.elements(f"{path}.quaternion", 4, "1")
         if gyro is None or accel is None:
-            return None
+            return
+        attitude = self.elements(f"{path}.quaternion", 4, "1")
+        angular, linear = itemgetter(*gyro), itemgetter(*accel)
+        turned = itemgetter(*attitude[1:], attitude[0]) if attitude else lambda row: (0.0, 0.0, 0.0, 1.0)
 
-        def make(row: Sequence[float]) -> tuple[Any, ...]:
-            w, x, y, z = (row[place] for place in attitude) if attitude else (1.0, 0.0, 0.0, 0.0)
-            angular, linear = tuple(row[place] for place in gyro), tuple(row[place] for place in accel)
-            known = UNCERTAIN if attitude and w == w else UNKNOWN  # NaN: the sensor has sent none
-            return (x, y, z, w), known, angular, UNCERTAIN, linear, UNCERTAIN
+        def numbers(row: Sequence[float]) -> tuple[float, ...]:
+            xyzw = turned(row)
+            known = UNCERTAIN if attitude and xyzw[3] == xyzw[3] else UNKNOWN  # NaN: the sensor has sent none
+            return (*xyzw, *known, *angular(row), *UNCERTAIN, *linear(row), *UNCERTAIN)
 
-        return make
+        zeros = (0.0,) * 3
+        fixed = (((0, 0), named(path)), (0.0,) * 4, UNCERTAIN, zeros, UNCERTAIN, zeros, UNCERTAIN)
+        self.add(path, IMU, fixed, numbers)
 
     def run(self) -> None:
         """Publish until the recorder has ended."""
-        decimation, period = self.plan["decimation"], self.plan["decimation"] / self.plan["rate"]
-        wait, looks = IDLE_PERIOD, 0  # looks without a new row
+        decimation, wait = self.plan["decimation"], IDLE_PERIOD
         while self.take_events(wait):
-            looks += 1
-            if not self.newest.look():
-                wait = LOOK_PERIOD if self.last is not None and self.shared.state == "running" else IDLE_PERIOD
-                continue
-            # a row that was there already may have waited for long: the next look is earlier
-            wait, looks = max(period - (EARLY if looks > 1 else BEHIND), LOOK_PERIOD), 0
-            for data in self.newest.rows:
-                row = self.unpack(data)
-                if int(row[0]) // decimation == self.last:
-                    continue
-                self.last = int(row[0]) // decimation
-                self.publish(row)
+            if self.newest.look():
+                for data in self.newest.rows:
+                    row = self.unpack(data)
+                    if int(row[0]) // decimation != self.last:
+                        self.last = int(row[0]) // decimation
+                        self.publish(row)
+            wait = self.wait((self.last + 1) * decimation) if self.last is not None else IDLE_PERIOD
         if self.last is not None:
             self.tell()
         self.node.close()
+
+    def wait(self, tick: int) -> float:
+        """Return the time until the next look, in s. tick : the next one that is published"""
+        since = time.monotonic_ns() - self.shared.began - self.shared.first_tick  # tick 0, ns
+        late = since * 1e-9 - tick / self.plan["rate"]
+        if late > OVERDUE or self.shared.state != "running":
+            return IDLE_PERIOD
+        return max(-late, LOOK_PERIOD)
 
     def publish(self, row: Sequence[float]) -> None:
         """Publish one row."""
         self.row = row
         when = (self.shared.wall + self.shared.first_tick) + round(row[0] / self.plan["rate"] * 1e9)
         self.stamp = divmod(when, 1_000_000_000)
-        for publisher, frame, make in self.topics:
-            publisher.put(((self.stamp, frame), *make(row)))
+        for publisher, template, numbers in self.topics:
+            publisher.put(template.encode((*self.stamp, *numbers(row))))
         self.messages += len(self.topics)
         if when * 1e-9 - self.told > DIAGNOSTICS_PERIOD:
             self.told = when * 1e-9
@@ -166,7 +192,7 @@ class Bridge:
             fault = own.get("fault", 0.0)
             level, text = (ERROR, f"fault {fault:g}") if fault else (OK, "")
             listed.append((level, f"{name}: {path}", text, host, [(key, f"{own[key]:g}") for key in own]))
-        self.diagnostics.put(((self.stamp, ""), listed))
+        self.diagnostics.put(encode(DIAGNOSTICS, ((self.stamp, ""), listed)))
         self.messages += 1
 
     def take_events(self, wait: float) -> bool:

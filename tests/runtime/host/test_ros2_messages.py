@@ -1,9 +1,21 @@
 """Messages of ROS 2, as rosbags decodes and encodes them, and the type hashes of the packages of ROS 2 Kilted."""
 
+import itertools
+
 import numpy as np
 import pytest
 
-from runtime.host.ros2_messages import DEFINITIONS, DIAGNOSTICS, IMU, JOINT_STATE, NUMBERS, decode, encode, type_hash
+from runtime.host.ros2_messages import (
+    DEFINITIONS,
+    DIAGNOSTICS,
+    IMU,
+    JOINT_STATE,
+    NUMBERS,
+    Template,
+    decode,
+    encode,
+    type_hash,
+)
 from tests.optional import Library
 
 typesys = Library("rosbags.typesys")
@@ -70,6 +82,28 @@ def test_messages_are_decoded_and_encoded_by_rosbags(kind):
     for length in range(len(data)):
         with pytest.raises(ValueError):
             decode(kind, data[:length])
+
+
+def numbers(message):
+    """All numbers of a message, in order."""
+    if isinstance(message, tuple):
+        return [number for part in message for number in numbers(part)]
+    return [] if isinstance(message, str) else [message]
+
+
+def others(message, count):
+    """The same message with other numbers."""
+    if isinstance(message, tuple):
+        return tuple(others(part, count) for part in message)
+    return message if isinstance(message, str) else next(count)
+
+
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_a_template_encodes_other_numbers_between_the_same_strings(kind):
+    template = Template(kind, MESSAGES[kind])
+    for first in (1, 100):
+        message = others(MESSAGES[kind], itertools.count(first))
+        assert template.encode(numbers(message)) == encode(kind, message)
 
 
 def test_an_invalid_message_is_an_error():

@@ -3,11 +3,13 @@
 import os
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import runtime
+from runtime.record.recorder.ros2_bridge import IDLE_PERIOD, LOOK_PERIOD, Bridge
 from tests.runtime.ros2 import DIAGNOSTICS, IMU, JOINT_STATE, router
 from tests.runtime.runs import descendant, started, write
 
@@ -98,6 +100,19 @@ def without_session(sample):
     """A liveliness token without the ID of its session."""
     parts = str(sample.key_expr).split("/")
     return "/".join(parts[:2] + parts[3:])
+
+
+def test_the_bridge_sleeps_until_the_next_published_tick_is_due_and_then_looks_often(monkeypatch):
+    bridge = object.__new__(Bridge)
+    bridge.plan = {"rate": 200.0}
+    bridge.shared = SimpleNamespace(began=3_000_000_000, first_tick=500_000_000, state="running")
+    monkeypatch.setattr(time, "monotonic_ns", lambda: 4_501_000_000)  # tick 200 was due 1 ms ago
+    assert bridge.wait(201) == pytest.approx(0.004)
+    assert bridge.wait(250) == pytest.approx(0.249)
+    assert bridge.wait(200) == bridge.wait(181) == LOOK_PERIOD
+    assert bridge.wait(180) == IDLE_PERIOD  # no row for a tenth of a second
+    bridge.shared.state = "stopping"
+    assert bridge.wait(201) == IDLE_PERIOD
 
 
 @pytest.mark.paced
