@@ -7,6 +7,7 @@ the content of the files that they read. It does not depend on paths of files or
 
 from __future__ import annotations
 
+import ast
 import importlib
 import importlib.metadata
 import inspect
@@ -14,6 +15,7 @@ import json
 import math
 import os
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -161,11 +163,17 @@ def digest(data: dict[str, Any]) -> str:
 
 @lru_cache(maxsize=256)
 def source_hash(kind: type[Block]) -> str:
-    """Return the hash of the source of a block class or its function, or of its name if there is no source."""
+    """Return the hash of the source of a block class or its function.
+
+    Without one, as of a class in a cell of a notebook, it is that of its name and of its functions that have a source.
+    """
     try:
         source = source_text(getattr(kind, "function", kind))
     except (OSError, TypeError):
         source = f"{kind.__module__}:{kind.__qualname__}"
+        for part in filter(inspect.isfunction, vars(kind).values()):
+            with suppress(OSError):
+                source += "\n" + inspect.getsource(part)
     return sha256(source.encode()).hexdigest()[:16]
 
 
@@ -173,17 +181,27 @@ def source_text(kind: Any) -> str:
     """Return the result of inspect.getsource for a class or function.
 
     Before CPython 3.13, inspect parses the whole file to find a class, 2 ms. Here, the line of most classes is found by
-    its text: the only definition of that name, without a decorator before it.
+    its text: the only definition of that name, neither in a string nor with a decorator before it.
     """
     if isinstance(kind, type) and kind.__qualname__ == kind.__name__ and kind.__module__ in sys.modules:
         lines, _ = inspect.findsource(sys.modules[kind.__module__])
         heads = (f"class {kind.__name__}(", f"class {kind.__name__}:")
         found = [number for number, line in enumerate(lines) if line.lstrip().startswith(heads)]
-        if len(found) == 1 and lines[found[0]].startswith(heads):
-            before = (line for line in reversed(lines[: found[0]]) if line.strip() and line[0] not in " \t#)]}")
-            if not next(before, "").startswith("@"):
-                return "".join(inspect.getblock(lines[found[0] :]))
+        if len(found) == 1 and lines[found[0]].startswith(heads) and is_undecorated(lines[: found[0]]):
+            return "".join(inspect.getblock(lines[found[0] :]))
     return inspect.getsource(kind)
+
+
+def is_undecorated(before: list[str]) -> bool:
+    """Return whether the line after these is certainly a statement without a decorator. before : lines of a file"""
+    text = "".join(before)
+    if "'''" in text or text.count('"""') % 2:  # it may be in a string
+        return False
+    last = next((number for number in reversed(range(len(before))) if before[number].startswith("@")), None)
+    try:
+        return last is None or bool(ast.parse("".join(before[last:])))
+    except SyntaxError:  # the decorator, or a string with that line, is not complete
+        return False
 
 
 def file_hash(block: Block, name: str) -> str:
