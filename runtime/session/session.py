@@ -78,7 +78,7 @@ class Session:
             )
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
-                inhibitor = SleepInhibitor(f"{prepared.diagram.name} drives motors")
+                inhibitor = SleepInhibitor(f"{prepared.diagram.name} {'drives motors' if rig.commands else 'measures'}")
                 undo.callback(inhibitor.release)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(shared, prepared.schedule, prepared.diagram, priority)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cext.safety.suspend import time_suspended, was_paused
 from cext.safety.thresholds import PAGE_SILENCE
 from cext.user_text import last_lines
-from graph import Device
+from graph import Actuator, Device
 from graph.device import UNIT_EXPECTED
 from graph.signal import Signal
 from runtime.host.system import read
@@ -58,10 +58,15 @@ def explain(result: RunResult) -> list[str]:
         lines += [f"  {line}" for line in closed_descriptors(result.rig)]
     if not result.failed_in_plant:
         lines += [f"  {line}" for line in fault_context.ticks(result, block)]
-    if schedule.devices:
+    if has_actuators(result):
         lines += [f"  {line}" for line in fault_context.actuators(result)]
         lines.append("  actuators stay disabled until the next arming: fix the cause, then arm again")
     return lines
+
+
+def has_actuators(result: RunResult) -> bool:
+    """Return whether the robot has actuators, which a fault stops."""
+    return any(isinstance(block, Actuator) for block in result.diagram)
 
 
 def _when(result: RunResult) -> str:
@@ -234,14 +239,12 @@ def unguarded_text(result: RunResult) -> str:
     if result.rig is None:
         return "the guardian is not running"
     report = result.rig.report
-    how = (
-        f"the guardian does not respond, and actuators run only under its supervision (process "
-        f"{result.rig.guardian.pid}, {report['died']})"
-    )
+    why = ", and actuators run only under its supervision" * has_actuators(result)
+    how = f"the guardian does not respond{why} (process {result.rig.guardian.pid}, {report['died']})"
     if "taken_over" not in report:
         return how
     unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
-    return f"{how}; the control process stopped the motors{unopened}"
+    return f"{how}{'; the control process stopped the motors' * has_actuators(result)}{unopened}"
 
 
 def suspended_text(result: RunResult) -> str:
@@ -249,10 +252,10 @@ def suspended_text(result: RunResult) -> str:
     seconds = 0.0 if result.shared is None else time_suspended(result.shared) * 1e-9
     paused = result.shared is not None and was_paused(result.shared)
     what = "every process of the run was paused" if paused else "the computer was suspended"
-    return (
-        f"{what} for {seconds:.1f} s. The drives kept their last command "
-        "meanwhile, unless they have a time-out, and were stopped when it resumed"
+    drives = (
+        ". The drives kept their last command meanwhile, unless they have a time-out, and were stopped when it resumed"
     )
+    return f"{what} for {seconds:.1f} s{drives * has_actuators(result)}"
 
 
 def lost_page_text(shared: SharedState | None) -> str:
@@ -324,10 +327,11 @@ def foreign_command(block: Block | None) -> str:
     return f"another node commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
 
 
-def hung(outcome: Outcome) -> str:
+def hung(result: RunResult) -> str:
     """Return the text on a step that hung: its duration, and how it ended."""
+    outcome, stopped = result.outcome, "; the motors were stopped meanwhile" * has_actuators(result)
     end = "until the watchdog interrupted it" if isinstance(outcome.error, KeyboardInterrupt) else "before it returned"
-    return f"it hung: its step ran for {micro(outcome.hung)} {end}; the motors were stopped meanwhile"
+    return f"it hung: its step ran for {micro(outcome.hung)} {end}{stopped}"
 
 
 def overran(result: RunResult) -> str:
@@ -355,7 +359,7 @@ TEXTS: dict[str, str | Callable[[Case], str]] = {  # of each status of an Outcom
     "rms torque": lambda case: "RMS torque exceeds the rated torque" + highest_text(case, "rms", "N·m"),
     "too hot": lambda case: "the temperature exceeds its limit" + highest_text(case, "temperature", "°C"),
     "e-stop": "the emergency stop was pressed",
-    "hung": lambda case: hung(case.result.outcome),
+    "hung": lambda case: hung(case.result),
     "unclear pose": lambda case: unclear(case.result),
     "two devices": two_devices,
     "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise loop_timeout, "

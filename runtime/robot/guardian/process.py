@@ -445,8 +445,8 @@ class Guardian:
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
         self.stuck_at = None
         if self.shared.state in ("arming", "running") and not self.gone:
-            words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
-            self.messages.write(words)
+            stopped = ", with the motors stopped" * any(map(frames_of_stop, self.devices))
+            self.messages.write(f"tickwork guardian: {self._block_name()} still hangs{stopped}; Ctrl-C ends the run")
 
     def _leave(self):
         if self.verdict is not None and self.gone:

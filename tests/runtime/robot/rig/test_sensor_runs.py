@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import time
 
@@ -119,6 +120,7 @@ def test_a_run_without_actuators_ends_after_a_pause(robot, whole):
     out, err = run.communicate(timeout=10)
     assert run.returncode == FAULT, out + err
     assert ("every process of the run was paused" if whole else "loop has stalled") in out + err
+    assert "drives" not in err, "it has none"
 
 
 def test_the_guardian_of_a_run_without_actuators_ends_with_it(robot):
@@ -161,4 +163,5 @@ def test_a_run_without_actuators_ends_whatever_happens(robot, law, code, said):
     out, err = run.communicate(timeout=10)
     assert run.returncode == code, out + err
     assert said in out + err and "Traceback" not in err
+    assert not re.search("motor|actuators? (run|stay)", err), "it has none"
     guardian.wait(5)
