@@ -65,6 +65,10 @@ class PhaseKalmanFilter(Block):
     at least half of that and the phase does not decrease: at a turning point neither angle nor velocity determines
     them.
 
+    In a stand the angle does not determine the phase: after 0.8 strides it is that at which the leg came to rest, from
+    which it continues. Until the next strike it changes to another phase if angle and velocity are nearer to that, by
+    4 in the sum of their squared errors in standard deviations.
+
     `walking` is true from a strike on, while the frequency is above 0.3 Hz, or half of that of the last stride if that
     is less, and the angle follows the waveform. `uncertainty` is √(mean square of the phase at the last strikes +
     strike_offset²), where each strike has a weight of 20 %, and 0.29, that of an unknown phase, while `walking` is
@@ -96,7 +100,9 @@ class PhaseKalmanFilter(Block):
     covariance = Memory((0.0,) * 16, "covariance of the state")
     waveform = Memory((0.0,) * 17, "mean, cosine and sine amplitudes")
     stride = Memory(0.0, "angles since the last strike")
-    learning = Memory((math.inf,) + (0.0,) * 13 + (0.0009,), "learning of the waveform, and checks of the filter")
+    learning = Memory(
+        (math.inf,) + (0.0,) * 13 + (0.0009, 0.0, 0.0), "learning of the waveform, and checks of the filter"
+    )
 
     kernel = kernels.phase_kalman
 

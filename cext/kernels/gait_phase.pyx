@@ -10,6 +10,7 @@ from cext.kernels.limits cimport is_finite
 cdef enum:
     HARMONICS = 8
     LEARNED_STRIKES = 10
+    PLACES = 32                 # phases that are compared with angle and velocity after a stand
 
 cdef double TURN = 6.283185307179586
 cdef double CADENCE_LIMIT = 2.5         # Hz
@@ -23,7 +24,12 @@ cdef double ANGLE_SHARE = 0.15            # of the usual velocity
 cdef double IDLE_TIME = 0.2             # s below it: the leg stands
 cdef double FREQUENCY_SHARE = 0.25      # of the cadence, from which the frequency of the oscillators may differ
 cdef double QUIET_LIMIT = 0.4            # strides without motion: the leg stands
+cdef double HOLD_LIMIT = 0.8             # strides, after which the phase is that at which the leg came to rest
 cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is averaged
+cdef double REST_TIME = 0.03             # s, of the low-pass for the velocity of a leg that comes to rest
+cdef double REST_SHARE = 0.05            # of the usual velocity, below which it rests
+cdef double REST_VARIANCE = 0.01         # of the phase at which it came to rest, in strides²
+cdef double CONTRADICTION = 4.0          # squared errors in variances, by which another phase must be better
 cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
 cdef double SLOWEST_SHARE = 0.5          # of the usual cadence: the frequency of a leg that moves
 cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands, unless the wearer walks that slowly
@@ -297,7 +303,7 @@ cdef struct Kalman:
     int32_t stride              # the angles since the last strike
     int32_t learning            # see below
 
-KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[15]")
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[17]")
 
 cdef enum:
     SINCE = 0                   # s since the last strike
@@ -306,7 +312,7 @@ cdef enum:
     REJECTED = 3                # consecutive strides of another shape
     RUNNING = 4                 # 1 once the filter runs
     MISFIT = 5                  # mean squared deviation
-    LOST = 6                    # 1 if the leg stood, or moved unlike the waveform, since the last strike
+    LOST = 6                    # 1 if the leg moved unlike the waveform since the last strike, 2 if it stood
     CADENCE = 7                 # Hz, of the last stride
     POWER = 8                   # standard deviation of the waveform
     SPEED = 9                   # standard deviation of its derivative, per stride
@@ -315,6 +321,8 @@ cdef enum:
     QUIET = 12                  # strides without motion
     OFFSET = 13                 # mean of the last stride less that of the waveform, over its standard deviation
     SPREAD = 14                 # mean square of the phase at the last strikes
+    SLOW = 15                   # velocity after a low-pass
+    REST = 16                   # phase at which the leg came to rest
 
 
 cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
@@ -378,6 +386,42 @@ cdef inline void learn(double *w, double *learning, const double *x, int n) noex
     learning[OFFSET] = (mean - w[0]) / learning[POWER]
 
 
+cdef inline void begin(double *x, double *p, const double *learning, double phase, double variance) noexcept nogil:
+    """Start the filter at a phase, with the frequency of the last stride. variance : of the phase"""
+    cdef int i
+    x[0] = phase
+    x[1] = learning[CADENCE]
+    x[2] = 1.0
+    for i in range(16):
+        p[i] = 0.0
+    p[0] = variance
+    p[5] = 1e-2
+    p[10] = p[15] = 1e-3
+
+
+cdef inline double mismatch(const double *arena, const Kalman *at, double phase) noexcept nogil:
+    """Return the squared errors of angle and velocity at a phase and the usual cadence, in variances of their noise."""
+    cdef const double *w = arena + at.waveform
+    cdef const double *learning = arena + at.learning
+    cdef double c1 = cos(TURN * phase)
+    cdef double s1 = sin(TURN * phase)
+    cdef double c = 1.0
+    cdef double s = 0.0
+    cdef double angle = w[0]
+    cdef double slope = 0.0
+    cdef double t
+    cdef int h
+    for h in range(HARMONICS):
+        t = c * c1 - s * s1
+        s = s * c1 + c * s1
+        c = t
+        angle += w[1 + h] * c + w[1 + HARMONICS + h] * s
+        slope += TURN * (h + 1) * (w[1 + HARMONICS + h] * c - w[1 + h] * s)
+    angle = (arena[at.angle] - angle) / (learning[POWER] * arena[at.angle_noise])
+    slope = (arena[at.velocity] / learning[CADENCE] - slope) / (learning[SPEED] * arena[at.velocity_noise])
+    return angle * angle + slope * slope
+
+
 cdef inline void correct(double *x, double *p, const double *gradient, double error, double variance) noexcept nogil:
     """One scalar measurement update. The error is limited to three standard deviations."""
     cdef double gain[4]
@@ -409,8 +453,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     cdef double *learning = arena + at.learning
     cdef double gradient[4]
     cdef double deviation = 0.0
-    cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace, before
-    cdef bint unlike
+    cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace, before, least
+    cdef bint unlike, stood
     cdef int pass_, h, i
     if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
         arena[at.phase] = NAN
@@ -433,19 +477,14 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
                 learning[CADENCE] = 1.0 / learning[SINCE]
         if learning[RUNNING] != 0.0 and (learning[LOST] != 0.0 or unlike):
             learning[LOST] = learning[MISFIT] = 0.0
-            x[0] = 0.0
+            begin(x, p, learning, 0.0, 1e-3)
             x[3] = learning[OFFSET] if fabs(learning[OFFSET]) > SLIP_LIMIT else 0.0
-            x[1] = learning[CADENCE]
-            x[2] = 1.0
-            for i in range(16):
-                p[i] = 0.0
-            p[0] = p[10] = p[15] = 1e-3
-            p[5] = 1e-2
         elif learning[RUNNING] != 0.0:
             gradient[0] = 1.0
             gradient[1] = gradient[2] = gradient[3] = 0.0
             correct(x, p, gradient, -nearest(x[0]), arena[at.strike_noise] * arena[at.strike_noise])
         learning[SINCE] = learning[SAMPLES] = learning[LATEST] = 0.0
+        learning[REST] = x[0]
     if learning[SAMPLES] < sizes.stride:
         arena[at.stride + <int>learning[SAMPLES]] = angle
     learning[SAMPLES] = min(learning[SAMPLES] + 1.0, sizes.stride + 1.0)
@@ -505,7 +544,24 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         # 4. A leg that moves neither stands nor goes back: at a turning point it is the velocity that is undetermined.
         t = MOVING_SHARE * speed * learning[CADENCE]
         learning[MOTION] += (velocity * velocity - learning[MOTION]) * min(1.0, dt / MOTION_TIME)
+        learning[SLOW] += (velocity - learning[SLOW]) * min(1.0, dt / REST_TIME)
+        stood = learning[QUIET] > QUIET_LIMIT
         learning[QUIET] = learning[QUIET] + learning[CADENCE] * dt if learning[MOTION] < 0.25 * t * t else 0.0
+        if not stood and fabs(learning[SLOW]) > REST_SHARE * speed * learning[CADENCE]:
+            learning[REST] = x[0]
+        # 5. In a stand the angle does not determine the phase: it continues where the leg came to rest, or, until the
+        #    next strike, at the phase with which angle and velocity agree.
+        if learning[QUIET] > HOLD_LIMIT or (stood and learning[QUIET] == 0.0):
+            begin(x, p, learning, learning[REST], REST_VARIANCE)
+            before = x[0]
+        if learning[LOST] > 1.0 and learning[QUIET] == 0.0:
+            least = mismatch(arena, at, x[0]) - CONTRADICTION
+            for h in range(PLACES):
+                error = mismatch(arena, at, h / <double>PLACES)
+                if error < least:
+                    least = error
+                    x[0] = before = h / <double>PLACES
+                    x[1] = learning[CADENCE]
         t = SLOWEST_SHARE * learning[CADENCE] if learning[MOTION] > t * t else 0.0
         if x[1] < t:
             x[1] = t
@@ -518,7 +574,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         learning[MISFIT] += (min(deviation * deviation, OUTLIER_LIMIT) - learning[MISFIT]) * min(1.0, 5.0 * dt)
         t = min(WALKING_CADENCE, SLOWEST_SHARE * learning[CADENCE])
         if x[1] < t or learning[QUIET] > QUIET_LIMIT or learning[MISFIT] > MISFIT_LIMIT:
-            learning[LOST] = 1.0
+            learning[LOST] = 2.0 if learning[QUIET] > QUIET_LIMIT else max(learning[LOST], 1.0)
         if not is_finite(x[0] + x[1] + x[2] + x[3]):
             learning[RUNNING] = learning[STRIDES] = 0.0
             x[0] = 0.0
@@ -532,7 +588,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         else:
             learning[LATEST] = x[0]
             arena[at.phase] = x[0]
-        arena[at.frequency] = x[1]
+        arena[at.frequency] = x[1] if learning[QUIET] <= HOLD_LIMIT else 0.0
         arena[at.walking] = learning[LOST] == 0.0
     arena[at.uncertainty] = UNKNOWN
     if arena[at.walking] != 0.0:

@@ -18,7 +18,7 @@ from blocks.gait import (
 from blocks.wearer import Walker
 from graph import Diagram
 from runtime.session.simulate import simulate
-from runtime.setup.bench.gait import begins, play
+from runtime.setup.bench.gait import Leg, begins, play
 from runtime.setup.bench.gait_recordings import built_in
 from tests.blocks.gait.walks import RATE
 from tests.blocks.running import both_ways, inside
@@ -27,20 +27,22 @@ from tests.soaking import soaked
 LEG = built_in()[0]
 
 
-def walk(condition="steady"):
-    """(walk, strike for each tick), with the true strikes."""
-    played = play(LEG, condition, RATE)
+def walk(condition="steady", start=0.0):
+    """(walk, strike for each tick), with the true strikes. start : s, from which the leg is played"""
+    later = LEG.time >= start
+    angles = {name: angle[later] for name, angle in LEG.angles.items()}
+    played = play(Leg(LEG.name, LEG.time[later], angles, LEG.contact[later]), condition, RATE)
     strike = np.zeros(len(played.time), dtype=bool)
     strike[np.round(played.strikes * RATE).astype(int)] = True
     return played, strike
 
 
-def inputs(block, played, strike, scale=1.0):
+def inputs(block, played, strike, scale=1.0, segment="thigh"):
     signals = {"strike": strike}
     if block is not StridePhase:
-        signals["angle"] = scale * played.signals["thigh"]
+        signals["angle"] = scale * played.signals[segment]
     if block in (PhasePortrait, PhaseKalmanFilter):
-        signals["velocity"] = scale * played.signals["thigh_velocity"]
+        signals["velocity"] = scale * played.signals[f"{segment}_velocity"]
     return signals
 
 
@@ -84,6 +86,18 @@ def test_the_kalman_filter_holds_its_phase_while_the_leg_stands():
     later = still[np.isin(still - 60, still)]  # 0.3 s after it has stopped
     assert len(later) > 500 and not outputs["walking"][later].any()
     assert np.abs(outputs["frequency"][later]).max() < 0.25
+
+
+@pytest.mark.parametrize(
+    "segment, start, bound", [("knee", 0.0, 1.0), ("knee", 0.8, 2.5), ("shank", 0.4, 1.0), ("thigh", 0.2, 1.5)]
+)
+def test_after_a_stand_the_phase_continues_where_the_leg_came_to_rest(segment, start, bound):
+    """The angle at which a leg stands belongs to several phases."""
+    played, strike = walk("stops", start)
+    outputs = inside(PhaseKalmanFilter, **inputs(PhaseKalmanFilter, played, strike, segment=segment))
+    assert error(outputs, played) < bound
+    stands = (played.time > 14.0) & (played.time % 10.0 > 8.7) & (played.time % 10.0 < 9.6)
+    assert not outputs["walking"][stands].any()
 
 
 @pytest.mark.parametrize("speed, share", soaked([(0.2, 0.92), (0.3, 0.96), (0.4, 1.0)], but=[0]))
