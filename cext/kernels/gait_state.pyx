@@ -22,6 +22,9 @@ cdef double SHANK_LOW = 0.3             # evidence below which the wearer no lon
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
 cdef double THIGH_HIGH = 0.15
+cdef double KNEE_LOW = -0.3
+cdef double KNEE_HIGH = -0.05
+cdef double KNEE_TIME = 1.0             # s, of the high-pass for the angle of a knee
 cdef double STUMBLE_LEAST = 0.09        # of a stride, by which one leg leads the other unusually much,
 cdef double STUMBLE_MOST = 0.18         # or up to this in an uneven walk:
 cdef double STUMBLE_TIMES = 5.0         # times the usual RMS
@@ -46,13 +49,18 @@ cdef enum:
     PERIOD = 10                 # s between its last two beginnings
     LAST = 11                   # left phase one tick before
     FORWARD = 12                # 1 in walking forward
+    ANGLE = 13                  # of each knee from its velocity, after a high-pass
+    WEIGHT = 15                 # means of the weight of each knee,
+    WEIGHTED = 17               # of its product with the velocity of the other knee,
+    WEIGHTED_SQUARE = 19        # and with the square of that
 
 
 cdef inline bint forward(double *arena, const Direction *at, double phase, double left, double right) noexcept nogil:
     """Return whether the legs move as in walking forward. phase : of the left leg; left, right : velocities"""
     cdef double *m = arena + at.evidence
-    cdef double share, rate, x, y, variances
+    cdef double share, rate, other, x, y, variances
     cdef double evidence = INFINITY
+    cdef double knees = 0.0
     cdef int side
     # 1. The means have a time constant in proportion to the stride.
     m[AGE] += arena[DT]
@@ -83,6 +91,21 @@ cdef inline bint forward(double *arena, const Direction *at, double phase, doubl
     elif variances > 0.0 and arena[at.knees] == 0.0:
         x = (m[XY] - m[COMMON] * m[APART_SQUARED]) / sqrt(variances)
         evidence = (x - THIGH_LOW) / (THIGH_HIGH - THIGH_LOW)
+    # 4. While a knee is flexed in swing, the other one extends in stance.
+    if rate == 0.0 and arena[at.knees] != 0.0:
+        for side in range(2):
+            rate = right if side else left
+            other = left if side else right
+            m[ANGLE + side] += arena[DT] * (rate - m[ANGLE + side] / KNEE_TIME)
+            y = max(0.0, m[ANGLE + side])
+            y *= y
+            m[WEIGHT + side] += share * (y - m[WEIGHT + side])
+            m[WEIGHTED + side] += share * (y * other - m[WEIGHTED + side])
+            m[WEIGHTED_SQUARE + side] += share * (y * other * other - m[WEIGHTED_SQUARE + side])
+            variances = m[WEIGHT + side] * m[WEIGHTED_SQUARE + side]
+            if variances > 0.0:
+                knees -= 0.5 * m[WEIGHTED + side] / sqrt(variances)
+        evidence = (knees - KNEE_LOW) / (KNEE_HIGH - KNEE_LOW)
     m[FORWARD] = evidence >= 1.0 or (m[FORWARD] != 0.0 and evidence >= 0.0)
     arena[at.direction] = evidence if is_finite(evidence) else 0.0
     return m[FORWARD] != 0.0
@@ -95,7 +118,7 @@ cdef struct State:
     int32_t track               # see below
     int32_t apart               # see below
 
-STATE = items((<State *>ITEMS)[0], "evidence[13] track[6] apart[9]")
+STATE = items((<State *>ITEMS)[0], "evidence[21] track[6] apart[9]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -178,7 +201,7 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     #    other stands.
     ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
     steady = not stumbles(arena + at.apart, arena[at.left_phase], arena[at.right_phase], flags == 2.0, \
-        2.0 if arena[at.direction.knees] != 0.0 else 1.0)       # knees alone do not show the direction either
+        2.0 if arena[at.direction.knees] != 0.0 else 1.0)       # knees alone show the direction less surely
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
         flags = 0.0
     apart = phases - 0.5

@@ -99,7 +99,7 @@ def other_motions(tmp_path_factory):
 
 
 # One robot for each way to know the direction: thighs with a filter or a network, shanks with a network, hips and
-# knees, the shank of one leg, and knees, whose strikes end.
+# knees, the shank of one leg, and knees alone.
 DIRECTIONS = ("hip_exo_bilateral", "hip_exo_metamobility", "hip_knee_exo", "m_blue", "knee_exo_cybergear", "knee_exo")
 
 

@@ -281,8 +281,8 @@ def test_both_legs_in_phase_are_unknown():
     assert (outputs["state"][400:] == 2.0).all() and outputs["confidence"][400:].min() > 0.99
 
 
-def directed(walk, sign=1.0, shanks=()):
-    """Run a GaitState with both thighs, and the shanks of some sides, while the phases say that the legs walk.
+def directed(walk, sign=1.0, shanks=(), motion="thigh"):
+    """Run a GaitState with both thighs or knees, and some shanks, while the phases say that the legs walk.
 
     walk : {side: Walk}; sign : 1 or -1, the order of time
     """
@@ -291,10 +291,10 @@ def directed(walk, sign=1.0, shanks=()):
     signals = {"left_phase": phase, "right_phase": (phase + 0.5) % 1.0}
     signals |= {f"{side}_walking": np.ones(count, dtype=bool) for side in walk}
     order = slice(None, None, int(sign))
-    signals |= {f"{side}_velocity": sign * leg.signals["thigh_velocity"][order] for side, leg in walk.items()}
+    signals |= {f"{side}_velocity": sign * leg.signals[f"{motion}_velocity"][order] for side, leg in walk.items()}
     for side in shanks:
         signals[f"{side}_shank_velocity"] = sign * walk[side].signals["shank_velocity"][order]
-    return inside(GaitState, **signals)
+    return inside(lambda: GaitState(motion=motion), **signals)
 
 
 def walk_of(recording):
@@ -308,13 +308,16 @@ def walk_of(recording):
 
 
 @pytest.mark.hazard("H12e")
-@pytest.mark.parametrize("shanks", [(), ("left", "right"), ("left",)])
+@pytest.mark.parametrize(
+    "motion, shanks, largest",
+    [("thigh", (), -2.0), ("thigh", ("left", "right"), -2.0), ("thigh", ("left",), -2.0), ("knee", (), 1.0)],
+)
 @pytest.mark.parametrize("recording", ["", "gait/healthy_young.csv"])
-def test_the_same_motion_backward_is_not_walking(recording, shanks):
-    """By thighs, both shanks, or the shank of one leg."""
+def test_the_same_motion_backward_is_not_walking(recording, motion, shanks, largest):
+    """By thighs, both shanks, the shank of one leg, or knees. largest : direction backward"""
     walk = walk_of(recording)
     late = slice(int(3.0 * RATE), int(-1.0 * RATE))
-    forward, backward = directed(walk, 1.0, shanks), directed(walk, -1.0, shanks)
+    forward, backward = (directed(walk, sign, shanks, motion) for sign in (1.0, -1.0))
     assert forward["walking"][late].all() and forward["direction"][late].min() > 1.5
-    assert not backward["walking"][late].any() and backward["direction"][late].max() < -2.0
+    assert not backward["walking"][late].any() and backward["direction"][late].max() < largest
     assert (backward["confidence"][late] == 0.0).all()
