@@ -35,7 +35,7 @@ BUTTONS = (EStopHeartbeat, EStopSwitch)
 POLL_PERIOD = 0.01  # s between two queries of one drive
 LISTEN_TIME = 0.5  # s of an idle bus
 NOISE = 0.02  # rad, motion of a joint at rest
-STILL_TIME = 0.4  # s
+STILL_TIME, ATTEMPTS = 0.4, 2  # s, and readings of a drive that does not respond
 
 
 @dataclass
@@ -85,6 +85,10 @@ class Given:
     lever: Any = None
 
 
+class Unmeasured(Exception):
+    """A run that the computer has ended, so that nothing was measured. Its argument is what was observed, as text."""
+
+
 class Lost(Exception):
     """A drive that no longer responds, although it did. Its argument is what was observed, as text."""
 
@@ -124,6 +128,7 @@ class Bench:
         self.buses: dict[str, ToolBus] = {}
         self.reports: dict[str, scan.Report] = {}
         self.errors_in_runs: Counter[str] = Counter()
+        self.queried: Counter[str] = Counter()  # queries of each drive during the newest `watch`
         self._errors_before: Counter[str] = Counter()
         self._stack = ExitStack()
 
@@ -169,6 +174,7 @@ class Bench:
         self.take()
         drives = self.drives if drives is None else drives
         seen: dict[str, list[Sample]] = {block.path: [] for block in drives}
+        self.queried.clear()
         on_bus = {name: [block for block in drives if block.bus == name] for name in self.buses}
         for bus in self.buses.values():
             bus.take()  # old reports
@@ -177,6 +183,7 @@ class Bench:
             for block in drives:
                 if (frame := self.queries[block.path].frame) is not None:
                     self.buses[block.bus].send(frame, "disable")
+                    self.queried[block.path] += 1
             while True:
                 for name, bus in self.buses.items():
                     for frame, when in bus.arrivals():
@@ -209,10 +216,10 @@ class Bench:
 
     def at_rest(self, block: Any) -> list[Sample]:
         """Return the Samples of a drive at rest. Raises Lost if it does not respond."""
-        samples = self.for_seconds(STILL_TIME, [block])[block.path]
-        if not samples:
-            raise Lost(f"the drive did not respond for {STILL_TIME:g} s")
-        return samples
+        for _ in range(ATTEMPTS):  # a busy computer may have queried late
+            if samples := self.for_seconds(STILL_TIME, [block])[block.path]:
+                return samples
+        raise Lost(f"the drive did not respond for {ATTEMPTS * STILL_TIME:g} s")
 
 
 def ask(question: str) -> str:

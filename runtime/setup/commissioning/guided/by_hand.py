@@ -16,7 +16,11 @@ PARAMETER_TOLERANCE = 0.02  # of a parameter of the drive
 ZERO_TOLERANCE = 0.05  # rad
 TURNS = 3  # of the motor, by which the reading of a joint may be shifted
 LITTLE = 0.3  # of the marked angle, below which a joint has not moved
+STUCK = 0.03  # of the marked angle, below which a position or a velocity does not follow a joint that has moved
 JUMP = 0.06  # rad between two replies, in addition to the motion at their velocity
+SHORTEST, FASTEST = 0.005, 5.0  # s between two replies, and rad/s, from which the pace of a hand is derived
+SPIKE_TIME = 0.15  # s within which a reading that has jumped is back
+LOST_SHARE, FEWEST_LOST = 0.05, 10  # of the queries during a motion, above which a plug or a cable has lost contact
 RANGE_MARGIN = 0.05  # rad
 
 
@@ -31,6 +35,8 @@ def pose(bench: Bench, block: Any, given: Given) -> Result:
     bench.until_entered(f"Hold the joint {where}, as the diagram defines it")
     joint = sign_of(block) * mean_position(bench, block) - block.offset
     result = Result([f"the joint reads {joint:.3f} rad {where}"], {"zero": joint - given.pose})
+    if given.pose:
+        result.measured["pose"] = given.pose
     compare_zero(result, block, joint - given.pose, f"{joint:.3f} rad {where}")
     return result
 
@@ -67,8 +73,11 @@ def turn(bench: Bench, block: Any, given: Given) -> Result:
         f"Turn the joint in the positive direction of the diagram to the second mark, {math.degrees(angle):g}° on, "
         "without going back, and hold it"
     )
+    queries = bench.queried[block.path]
     bench.at_rest(block)
-    turned = {path: Turn(samples) for path, samples in seen.items() if len(samples) > 10}
+    rest = given.steps.get("state")
+    bias = rest.measured.get("velocity", 0.0) if rest is not None else 0.0
+    turned = {path: Turn(samples, bias * (path == block.path)) for path, samples in seen.items() if len(samples) > 10}
     result = Result()
     if block.path not in turned:
         raise Lost(f"the drive sent {len(seen[block.path])} replies during the turn")
@@ -84,47 +93,100 @@ def turn(bench: Bench, block: Any, given: Given) -> Result:
         else:
             result.find("encoder", f"the reading moved by {own.moved:.3f} rad: the encoder is stuck, or another joint")
         return result
-    if found_wraps(result, block, own.jumps):
+    if abs(own.moved) < STUCK * angle and not own.jumps:
+        result.find(
+            "encoder",
+            f"the reading moved by {own.moved:.3f} rad, and the integral of its velocity by {own.integral:.3f} rad: "
+            "the position is stuck",
+        )
+        return result
+    if found_wraps(result, block, own):
         return result
     direction = sign_of(block)
     if own.moved * direction < 0.0:
         result.find("direction", "the joint moved in the opposite direction", invert=not block.invert)
     compare_ranges(result, block, abs(own.moved) / angle, own.integral / own.moved)
     compare_parameters(result, bench, block)
+    compare_contact(result, block, queries, len(seen[block.path]))
+    if "invert" in result.cures and "pose" in given.steps:
+        scale = abs(own.moved) / angle if "wire_position" in result.cures else 1.0
+        result.cures |= offset_inverted(block, given, scale)
     return result
+
+
+def offset_inverted(block: Any, given: Given, scale: float) -> dict[str, float]:
+    """Return {"offset": rad} with which a joint reads its pose once `invert` is the other one.
+
+    scale : of the position, which another cure corrects. Returns {} if the offset stays, or is set at arming
+    """
+    pose = given.steps["pose"].measured
+    if "zero" not in pose or "encoder" in pose or block.zero_at_arming:
+        return {}
+    angle = pose.get("pose", 0.0)
+    offset = round(-(pose["zero"] + angle + block.offset) / scale - angle, 4)
+    return {"offset": offset} if abs(offset - block.offset) > ZERO_TOLERANCE else {}
+
+
+def compare_contact(result: Result, block: Any, queries: int, replies: int) -> None:
+    """Name replies that are missing while the joint and its cable were moved."""
+    lost = queries - replies
+    if not getattr(block, "report_rate", 0.0) and lost > max(FEWEST_LOST, LOST_SHARE * queries):
+        result.find(
+            "lost replies",
+            f"{lost} of {queries} queries had no reply while the joint was moved: check the plugs and the cable along "
+            "the joint",
+        )
 
 
 class Turn:
     """A motion by hand that starts and ends at rest.
 
-    moved : rad, without jumps; integral : rad, of the velocity without its mean at rest; jumps : rad
+    moved : rad, without jumps; integral : rad, of the velocity without its mean at rest
+    jumps : rad; spikes : whether the reading was back soon after each of them
     """
 
-    def __init__(self, samples: Sequence[Sample]) -> None:
+    def __init__(self, samples: Sequence[Sample], bias: float = 0.0) -> None:
+        """bias : rad/s, velocity at rest that another step has found"""
         first = samples[: max(3, len(samples) // 20)]
-        bias = min((sample.velocity for sample in first), key=abs)
-        if abs(bias) > 0.1 * max(abs(sample.velocity) for sample in samples):
-            bias = 0.0  # the motion began before the first samples
+        least = min((sample.velocity for sample in first), key=abs)
+        if abs(least - bias) <= 0.1 * max(abs(sample.velocity - bias) for sample in samples):
+            bias = least  # otherwise the motion began before the first samples
         noise = max(sample.position for sample in first) - min(sample.position for sample in first)
         self.jumps: list[float] = []
-        self.integral = 0.0
+        times: list[float] = []
+        self.integral, pace = 0.0, 0.0
         for before, after in zip(samples, samples[1:]):
             dt = after.time - before.time
             self.integral += (0.5 * (before.velocity + after.velocity) - bias) * dt
-            fastest = max(abs(before.velocity), abs(after.velocity))
+            fastest = max(abs(before.velocity), abs(after.velocity), pace)
             step = after.position - before.position
             if abs(step) > max(JUMP, 3.0 * noise) + 3.0 * fastest * dt + 0.2 * min(dt, 1.0):
                 self.jumps.append(step - 0.5 * (before.velocity + after.velocity) * dt)
+                times.append(after.time)
+            elif dt > SHORTEST:
+                pace = min(FASTEST, abs(step) / dt)  # of a drive whose velocity is wrong
         self.moved = samples[-1].position - samples[0].position - sum(self.jumps)
+        pairs = list(zip(self.jumps[::2], self.jumps[1::2], times[::2], times[1::2]))
+        self.spikes = len(self.jumps) % 2 == 0 and all(
+            abs(up + down) < 0.3 * abs(up) and back - at < SPIKE_TIME for up, down, at, back in pairs
+        )
 
 
-def found_wraps(result: Result, block: Any, jumps: Sequence[float]) -> bool:
-    """Name the largest jump of the reading. Returns whether there was one. jumps : rad"""
-    if jumps:
-        size = max(map(abs, jumps))
+def found_wraps(result: Result, block: Any, motion: Turn) -> bool:
+    """Name the largest jump of the reading in a motion. Returns whether there was one."""
+    if motion.jumps:
+        size = max(map(abs, motion.jumps))
         result.measured["jump"] = size
-        result.find("wraps", f"the reading jumped by {size:.3f} rad{wrap_in_words(block, size)}")
-    return bool(jumps)
+        words = wrap_in_words(block, size)
+        if motion.spikes and not words:
+            result.find(
+                "noisy position",
+                f"the reading jumped by {size:.3f} rad and back, {len(motion.jumps) // 2} times: check the ground, the "
+                "shield and the magnet of the encoder",
+            )
+        else:
+            result.find("wraps", f"the reading jumped by {size:.3f} rad{words}")
+    return bool(motion.jumps)
 
 
 def wrap_in_words(block: Any, size: float) -> str:
@@ -143,6 +205,9 @@ def compare_ranges(result: Result, block: Any, ratio: float, rate: float) -> Non
 
     ratio : position over true angle; rate : integral of the velocity over position
     """
+    if abs(rate) < STUCK:
+        result.find("no velocity", "the velocity of the drive stays at zero while the joint turns: its firmware")
+        return
     sets = getattr(block.spec, "range_sets", ())
     position, velocity = block.wire[0] * block.gear_ratio, block.wire[1] * block.gear_ratio
     if sets:
@@ -206,11 +271,13 @@ def compare_parameters(result: Result, bench: Bench, block: Any) -> None:
 def motion(bench: Bench, block: Any, given: Given) -> Result:
     """Measure the range of the joint."""
     seen = bench.until_entered("Move the joint through its full motion, to both ends")[block.path]
+    queries = bench.queried[block.path]
     bench.at_rest(block)
     angles = [sign_of(block) * sample.position - block.offset for sample in seen]
     low, high = min(angles), max(angles)
     result = Result([f"moves from {low:.3f} to {high:.3f} rad"], {"low": low, "high": high})
-    if found_wraps(result, block, Turn(seen).jumps):
+    compare_contact(result, block, queries, len(seen))
+    if found_wraps(result, block, Turn(seen)):
         return result
     if not block.range:
         result.cures["range"] = [round(low, 3), round(high, 3)]

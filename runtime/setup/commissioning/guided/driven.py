@@ -9,35 +9,31 @@ from __future__ import annotations
 
 import math
 import signal
-import time
-from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.limiters import Saturation
 from blocks.safety import EmergencyStop
-from graph import Actuator, Block, Device, Diagram, Input, Output, Param
+from graph import Actuator, Device, Diagram
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.robot.loading.file import compile_diagram
-from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, confirmed, number
+from runtime.robot.rig.records import AGREES
+from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, Unmeasured, confirmed, number
+from runtime.setup.commissioning.guided.probes import GRAVITY, Friction, Lever, LeverProbe, friction_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from runtime.session.result import Result as RunResult
 
-GRAVITY = 9.81  # m/s²
 LIMIT_SHARE, USED_SHARE = 0.05, 0.035  # of the rated torque: limit of the runs, and torque that they aim at
 COMMANDED = 0.97  # of the limit, largest command: its code is rounded
 STEEPEST = 0.5  # of m g l, largest torque that the lever is to show: 30°
-START_SHARE, GROWTH_TIME = 0.02, 2.5  # of the torque; s to its full value, exponentially
-REST_TIME, HOLD_TIME = 0.8, 1.2  # s
-SWING, SWING_LIMIT = 0.15, 6.0  # rad within REST_TIME, in which a lever still swings; s for which it may
 TORQUE_TOLERANCE = 0.12  # of the torque of the lever
-SHOWN_SHARE = 0.25  # of the expected deflection, below which the drive gives no torque
-SWUNG, TOO_FAST = 1.3, 12.0  # rad, rad/s: the run ends
+SHOWN_SHARE, MOVED_SHARE = 0.25, 0.05  # of the torque, below which the drive gives none; of a lever that has moved
+FRICTION_SEEN, FRICTION_HIDES = 0.1, 0.3  # of the commanded torque, from which friction counts; hides the torque
 RATE = 200.0  # Hz
 REPLY_TIMEOUT = 0.3  # s without a reply that ends a run; its torque is small, and computers on benches are slow
 SET_TIMEOUT = 0.1  # s, that the operator sets in a drive that is not set over its bus
@@ -45,102 +41,11 @@ SILENCE = 0.4  # s without frames, for a drive without a declared time-out
 LATE, LATER = 0.1, 0.5  # s beyond a declared time-out: a drive that acts by then is on time; that acts at all
 FALL = 0.5  # periods of the lever / 2π, in which it shows that it has fallen
 FALLEN_SHARE = 0.3  # of the deflection
-AFTER_TICKS = 6  # after the silence, in which a lever that has fallen is not yet back
 SILENT = ("silent", "no answer")  # statuses of a run whose drive does not respond
-STOPPED = "has stopped by itself"
+STOPPED, FAULTED = "has stopped by itself", "device fault"  # a report and a status of a run
 OF_COMPUTER = ("unguarded", "overrun", "hung", "suspended", "fenced", "exception")  # faults that no drive causes
+OWN_FAULT = "the run ended for a reason of this computer, so nothing was measured: {}"
 NO_LEVER = "without a lever nothing was measured"
-
-
-@dataclass(frozen=True)
-class Lever:
-    """Weight on a lever at the output. mass in kg, length in m from the axis to its centre"""
-
-    mass: float
-    length: float
-
-    @property
-    def torque(self) -> float:
-        """Torque of the horizontal lever in N·m."""
-        return self.mass * GRAVITY * self.length
-
-
-class Probe(Block):
-    """Torque of a step, and the end of its run."""
-
-    largest = Param(0.1, "N·m", "largest command", above=0.0)
-    constant = Param(1.0, "N·m/A", "torque constant at the joint, of a drive that is commanded with a current")
-
-    position = Input("rad", "joint angle")
-    velocity = Input("rad/s", "joint velocity")
-    reported = Input("N·m", "torque that the drive reports")
-    torque = Output("N·m", "torque command")
-    current = Output("A", "current of this torque")
-    over = Output("1", "whether the run ends", dtype=bool)
-
-
-class LeverProbe(Probe):
-    """Torque that grows exponentially, in each direction, until the deflection of a lever shows the wanted one.
-
-    `rows` has (phase, position, command, reported torque, velocity) of each tick.
-    """
-
-    wanted = Param(0.1, "N·m", "torque that the lever is to show", above=0.0)
-    lever = Param(1.0, "N·m", "torque of the horizontal lever", above=0.0)
-    silence = Param(0.0, "s", "duration without frames after the first direction; 0: none", min=0.0)
-
-    def configure(self) -> None:
-        self.allowance = self.silence + 0.1 if self.silence else 0.0
-        self.ends = [REST_TIME, REST_TIME + GROWTH_TIME, REST_TIME + GROWTH_TIME + HOLD_TIME]
-        self.side_time = self.ends[2] + self.silence + REST_TIME  # s, of one direction
-        self.count = 1 if self.silence else 2  # directions
-
-    @property
-    def duration(self) -> float:
-        """Longest duration in s."""
-        return self.count * (self.side_time + SWING_LIMIT)
-
-    def sides(self) -> dict[str, list[tuple[Any, ...]]]:
-        """Return the rows of each direction, {"+" or "-": rows}."""
-        return {name: [row for row in self.rows if row[0] == name] for name in "+-"}
-
-    def reset(self):
-        self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
-        self.recent, self.waited, self.ended = deque(maxlen=round(REST_TIME / self.dt)), 0.0, False
-
-    def step(self, position, velocity, reported, t):
-        phase, local = divmod(t - self.waited, self.side_time)
-        self.recent.append(position)
-        self.ended = phase >= self.count
-        if self.ends[0] - 1.5 * self.dt < local < self.ends[0] and self.waited < (phase + 1.0) * SWING_LIMIT:
-            if max(self.recent) - min(self.recent) > SWING:  # of the direction, or the step, before
-                self.waited += self.dt
-        sign = 1.0 if phase == 0.0 else -1.0
-        rest = sum(self.rest) / len(self.rest) if self.rest else position
-        deflection = position - rest
-        if local < self.ends[0]:
-            self.command, self.grown = 0.0, False
-            if phase == 0.0:
-                self.rest = list(self.recent)
-        elif local < self.ends[1]:
-            shown = self.lever * abs(math.sin(max(-1.5, min(1.5, deflection))))
-            self.grown = self.grown or shown >= self.wanted
-            if not self.grown:
-                share = START_SHARE ** (1.0 - (local - self.ends[0]) / GROWTH_TIME)
-                self.command = sign * min(self.wanted * 1.3 * share, self.largest)
-        elif local >= self.ends[2]:
-            if self.silence and not self.hushed:
-                self.hushed = True
-                self.rows.append(("held", deflection, self.command, reported, velocity))
-                time.sleep(self.silence)
-                return self.command, self.command / self.constant, False
-            if self.hushed and len([row for row in self.rows if row[0] == "after"]) < AFTER_TICKS:
-                self.rows.append(("after", deflection, self.command, reported, velocity))
-            self.command = 0.0
-        if self.ends[1] + 0.3 * HOLD_TIME < local < self.ends[2]:
-            self.rows.append(("+" if sign > 0 else "-", deflection, self.command, reported, velocity))
-        lost = abs(deflection) > SWUNG or abs(velocity) > TOO_FAST
-        return self.command, self.command / self.constant, lost or self.ended
 
 
 def torque(bench: Bench, block: Any, given: Given) -> Result:
@@ -167,10 +72,24 @@ def torque_of(block: Any, lever: Lever, probe: LeverProbe) -> Result:
         f"{commanded:.3f} N·m commanded ({commanded / rated_of(block):.1%} of rated): the lever shows {ratio:.2f} "
         f"times that, the drive reports {reported:.2f} times"
     )
+    friction = larger_of(lever, probe)
+    if friction.held or friction.torque > FRICTION_SEEN * commanded:
+        least = "at least " if friction.held else "about "
+        result.measured["friction"] = friction.torque
+        result.says.append(
+            f"friction of {least}{friction.torque:.2g} N·m, {friction.torque / rated_of(block):.1%} of rated, holds it"
+        )
     if ratio < -SHOWN_SHARE:
         result.find("sign of torque", "a positive torque turns the joint in the negative direction")
-    elif ratio < SHOWN_SHARE:
-        result.find("no torque", f"the lever shows {ratio:.2f} times the commanded torque")
+    elif ratio < (MOVED_SHARE if friction.held else SHOWN_SHARE):
+        result.find(
+            "no torque",
+            f"the lever shows {ratio:.2f} times the commanded torque: the drive gives none, or the friction of the "
+            "joint is larger. Turn it by hand to feel which",
+        )
+    elif hides(friction, ratio, commanded):
+        result.done = False
+        result.says.append("it hides the torque constant: not measured")
     elif abs(ratio - 1.0) > TORQUE_TOLERANCE:
         constant = getattr(block.spec, "torque_constant", None)
         own = f" of {constant:.3g} N·m/A, {constant * ratio:.3g} N·m/A by this lever" if constant else ""
@@ -182,12 +101,39 @@ def torque_of(block: Any, lever: Lever, probe: LeverProbe) -> Result:
     return result
 
 
+def larger_of(lever: Lever, probe: LeverProbe) -> Friction:
+    """Return the Friction of the direction in which it was larger."""
+    return max((friction_of(lever, fall) for fall in probe.falls.values()), key=lambda each: (each.held, each.torque))
+
+
+def hides(friction: Friction, ratio: float, commanded: float) -> bool:
+    """Return whether friction hides the torque of the drive: what the lever shows and how it falls contradict.
+
+    ratio : of the torque; commanded : N·m
+    """
+    if not friction.held and friction.torque < FRICTION_SEEN * commanded:
+        return False
+    if friction.held or friction.torque > FRICTION_HIDES * commanded:
+        return True
+    agrees, follows = (abs(each - 1.0) <= TORQUE_TOLERANCE for each in (ratio, friction.scale))
+    return not agrees and (follows or (friction.scale < 1.0) != (ratio < 1.0))
+
+
+def friction_before(given: Given) -> float:
+    """Return the friction in N·m that the step `torque` has measured; inf if it held the lever or was not measured."""
+    step = given.steps.get("torque")
+    return step.measured.get("friction", 0.0) if step is not None and step.verdict == AGREES else math.inf
+
+
 def silence(bench: Bench, block: Any, given: Given) -> Result:
     """Let the frames stop while the drive holds the lever, and see whether it stops by itself."""
     lever = lever_of(block, given)
     if lever is None:
         return Result([NO_LEVER], done=False)
     own, result = block.own_timeout, Result()
+    seen = "torque" in given.steps and "friction" in given.steps["torque"].measured
+    if seen and friction_before(given) > FRICTION_HIDES * wanted_of(block, lever):
+        return Result(["friction holds the lever also without torque: not measured"], done=False)
     measured = silence_of(bench, block, lever, own, result)
     if isinstance(measured, Result):
         return measured
@@ -254,6 +200,8 @@ def has_stopped(probe: LeverProbe, run: RunResult, lever: Lever) -> bool | None:
         return True
     held = [row for row in probe.rows if row[0] == "held"]
     after = [row for row in probe.rows if row[0] == "after"]
+    if after and run.outcome.status == FAULTED:
+        return True  # the fault is the time-out, which such a drive reports
     if not after:
         return None
     angle, frequency = held[0][1], math.sqrt(GRAVITY / lever.length)
@@ -264,12 +212,18 @@ def failed(result: Result, block: Any, run: RunResult) -> Result:
     """Return a result with the fault that ended a run; one of the computer is not a finding on the drive."""
     words = "; ".join(" ".join(line.split()) for line in run.report) or str(run.outcome.error or run.outcome.status)
     if run.outcome.status in OF_COMPUTER:
-        return Result([f"the run ended for a reason of this computer, so nothing was measured: {words}"], done=False)
+        return Result([OWN_FAULT.format(words)], done=False)
     if run.outcome.status in SILENT and run.outcome.culprit == "joint":
         raise Lost(words)
     name = "setting not kept" if "was written" in words else "fault of the run"
     result.find(name, f"{run.outcome.status} at {run.outcome.culprit or block.path}: {words}")
     return result
+
+
+def raise_if_of_computer(run: RunResult) -> None:
+    """Raise Unmeasured if the computer has ended a run."""
+    if run.outcome.status in OF_COMPUTER:
+        raise Unmeasured(OWN_FAULT.format(run.outcome.error or run.outcome.status))
 
 
 def rated_of(block: Any) -> float:
@@ -309,10 +263,14 @@ def lever_diagram(
     block: Any, lever: Lever, silence: float, kind: type[LeverProbe] = LeverProbe, **own: Any
 ) -> tuple[Diagram, Any]:
     """Return (Diagram, its LeverProbe) of one drive. kind : of the probe; own : its other parameters"""
-    limit = limit_of(block)
-    wanted = min(USED_SHARE / LIMIT_SHARE * limit, STEEPEST * lever.torque)
+    limit, wanted = limit_of(block), wanted_of(block, lever)
     probe_of = partial(kind, wanted=wanted, lever=lever.torque, silence=silence, **own)
     return diagram_of(block, probe_of, limit, timeout=2.0 * silence)
+
+
+def wanted_of(block: Any, lever: Lever) -> float:
+    """Return the torque in N·m that a lever is to show."""
+    return min(USED_SHARE / LIMIT_SHARE * limit_of(block), STEEPEST * lever.torque)
 
 
 def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
@@ -355,7 +313,10 @@ def diagram_of(
     timeout = max(own["timeout"], REPLY_TIMEOUT, timeout)
     changed = {"limit": limit, "zero_at_arming": False, "timeout": timeout}
     if own.get("restart_time"):
-        changed["restart_time"] = timeout  # torque only: an angle that a restart has shifted moves nothing
+        longest = block.parameters["restart_time"].max
+        changed["restart_time"] = min(
+            timeout, longest or timeout
+        )  # torque only: an angle that a restart has shifted moves nothing
     changed |= {name: block.parameters[name].default for name in ("reference", "known_pose") if name in own}
     if "mode" in own:
         changed["mode"] = block.parameters["mode"].default

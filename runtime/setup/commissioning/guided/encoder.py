@@ -7,13 +7,14 @@ the last place, an encoder of another joint or with another centre in the second
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from blocks.sensors.magnetic_encoder import MagneticEncoder
 from graph import Block, Diagram, Input
 from runtime.setup.commissioning.guided import by_hand
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, confirmed
-from runtime.setup.commissioning.guided.driven import run_on_rig
+from runtime.setup.commissioning.guided.driven import raise_if_of_computer, run_on_rig
 from runtime.setup.commissioning.guided.sensors import SENSOR_TIMEOUT, copied
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 TURN, STILL = math.pi / 6.0, 0.02  # rad, by which the joint is turned; motion while it is read
 SLIP, OFF_CENTRE = 0.03, 0.06  # rad, differences that remain, and of a magnet beside the axis
 READ_TIME, RATE = 0.5, 200.0  # s and Hz
+MAGNETS = {1: "weak", 2: "strong"}  # of the output `magnet`
 
 
 def pose(bench: Bench, block: Any, given: Given) -> Result:
@@ -44,7 +46,7 @@ def encoder_of(bench: Bench, block: Any) -> Any:
 
 def against_encoder(bench: Bench, block: Any, encoder: Any) -> Result:
     """Compare a joint with its absolute encoder in a pose, turned by hand, and back in the first pose."""
-    places, result = [], Result()
+    places, magnets, result = [], set(), Result()
     for instruction in (
         "Hold the joint still anywhere",
         f"Turn the joint by {math.degrees(TURN):.0f}° or more, and hold it",
@@ -52,7 +54,8 @@ def against_encoder(bench: Bench, block: Any, encoder: Any) -> Result:
     ):
         bench.until_entered(instruction)
         before = by_hand.mean_position(bench, block)
-        angle = encoder_angle(bench, encoder)
+        angle, magnet = encoder_angle(bench, encoder)
+        magnets.add(magnet)
         joint = by_hand.sign_of(block) * by_hand.mean_position(bench, block) - block.offset
         if angle is None:
             result.find("silent", f"the encoder {encoder.path} does not respond, or has no magnet")
@@ -60,7 +63,19 @@ def against_encoder(bench: Bench, block: Any, encoder: Any) -> Result:
         if abs(joint + block.offset - by_hand.sign_of(block) * before) > STILL:
             return Result(["the joint moved while it was read: repeat with --again pose"], done=False)
         places.append((joint, angle))
-    return encoder_result(block, encoder.path, places)
+    result = encoder_result(block, encoder.path, places)
+    compare_magnet(result, encoder.path, magnets)
+    return result
+
+
+def compare_magnet(result: Result, path: str, magnets: set[int]) -> None:
+    """Name a field that the encoder reports as too weak or too strong. magnets : in the places, as its output"""
+    if fields := [MAGNETS[magnet] for magnet in sorted(magnets) if magnet in MAGNETS]:
+        result.find(
+            "magnet",
+            f"{path} reports a field that is too {' and too '.join(fields)}: mount the magnet "
+            f"{' or '.join('nearer' if field == 'weak' else 'farther away' for field in fields)}, on the axis",
+        )
 
 
 def encoder_result(block: Any, path: str, places: Sequence[tuple[float, float]]) -> Result:
@@ -102,25 +117,30 @@ def encoder_result(block: Any, path: str, places: Sequence[tuple[float, float]])
     return result
 
 
-def encoder_angle(bench: Bench, encoder: Any) -> float | None:
-    """Return the mean angle of an encoder in rad, None if it does not respond."""
+def encoder_angle(bench: Bench, encoder: Any) -> tuple[float | None, int]:
+    """Return (mean angle of an encoder in rad, None if it does not respond, its output `magnet` as most often)."""
     with Diagram("encoder", rate=RATE) as diagram:
         kept = Angles()
-        kept(copied(encoder, timeout=SENSOR_TIMEOUT).position)
-    outcome = run_on_rig(bench, diagram, round(READ_TIME * RATE)).outcome
-    if outcome.faulted or not kept.rows:
-        return None
+        copy = copied(encoder, timeout=SENSOR_TIMEOUT)
+        kept(copy.position, copy.magnet)
+    run = run_on_rig(bench, diagram, round(READ_TIME * RATE))
+    raise_if_of_computer(run)
+    if run.outcome.faulted or not kept.rows:
+        return None, 0
     first = kept.rows[0]
-    return first + sum(math.remainder(angle - first, math.tau) for angle in kept.rows) / len(kept.rows)
+    angle = first + sum(math.remainder(angle - first, math.tau) for angle in kept.rows) / len(kept.rows)
+    return angle, kept.magnets.most_common(1)[0][0]
 
 
 class Angles(Block):
-    """Keeps the angles of an encoder."""
+    """Keeps the angles of an encoder, and how often it reported which field of its magnet."""
 
     angle = Input("rad")
+    magnet = Input("1", dtype=int)
 
     def reset(self):
-        self.rows = []
+        self.rows, self.magnets = [], Counter()
 
-    def step(self, angle):
+    def step(self, angle, magnet):
         self.rows.append(angle)
+        self.magnets[int(magnet)] += 1

@@ -10,12 +10,13 @@ import numpy as np
 
 from graph import Block, Diagram, Input
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask
-from runtime.setup.commissioning.guided.driven import run_on_rig
+from runtime.setup.commissioning.guided.driven import raise_if_of_computer, run_on_rig
 from runtime.setup.commissioning.guided.sensors import SENSOR_TIMEOUT, copied, jumps_of
 
 STEP_TIME, FIRST_TIME = 8.0, 0.5  # s of the reading, and of its beginning, in which the foot is in the air
 LOADED = 150.0  # N, by which the force rises when the wearer steps on an insole
 IN_THE_AIR = 80.0  # N, of a shoe about a foot in the air
+HEAVIEST, LIGHTEST = 3000.0, 15.0  # N: above, no wearer is so heavy; below, a foot was only lifted
 LOST_SHARE, CORRUPT_SHARE, DEAD_SHARE = 0.05, 0.02, 0.02  # of the frames, and of the cells
 ROLLED = 0.03  # m, by which the centre of pressure moves from heel to toes
 PART = 0.2  # of the loaded samples, at the beginning and at the end
@@ -70,8 +71,9 @@ def read(bench: Bench, seconds: float) -> dict[str, Loading]:
                 sensor = copied(block, timeout=SENSOR_TIMEOUT)
                 samples = kept[block.path] = InsoleSamples(name=f"samples_of_{block.path.replace('/', '_')}")
                 samples(**{name: getattr(sensor, name) for name in InsoleSamples.inputs})
-        outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
-        if not outcome.faulted:
+        run = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate))
+        raise_if_of_computer(run)
+        if not (outcome := run.outcome).faulted:
             first = math.ceil(FIRST_TIME * diagram.rate)
             return {block.path: loading_of(kept[block.path].rows, block, first) for block in insoles}
         missing = {*outcome.unanswered} or {outcome.culprit or insoles[0].path}
@@ -123,8 +125,14 @@ def load_of(path: str, loadings: dict[str, Loading]) -> Result:
         if others:
             result.find("exchanged", f"{' and '.join(others)} was loaded instead: exchange sides or addresses")
         elif not result.findings:
-            return Result(["no insole was loaded: repeat this step with --again load"], result.measured, done=False)
+            rise = f", {own.rise:.0f} N at most: check its scale" if own.rise > LIGHTEST else ""
+            return Result([f"no insole was loaded{rise}. Repeat with --again load"], result.measured, done=False)
         return result
+    if own.rise > HEAVIEST:
+        result.find(
+            "scale of the insole",
+            f"it reads {own.rise:.0f} N more under a foot: check length, breadth, rows and the unit of its sender",
+        )
     if unloaded > IN_THE_AIR:
         result.find(
             "offset of the insole", f"it reads {unloaded:.0f} N in the air: loosen the shoe, or tare the insole"

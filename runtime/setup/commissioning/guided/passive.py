@@ -7,10 +7,11 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import ZERO_LIMIT
+from runtime.host.console.terminal import print_lines
 from runtime.setup.commissioning.guided.bench import NOISE, Bench, Given, Lost, Result, Sample, confirmed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from runtime.robot.rig.battery import Battery
 
@@ -23,10 +24,15 @@ REPORTS_TIME = 0.5  # s of reports that are counted
 REPORTS = 4  # fewest reports in that time of a drive that reports by itself
 REPORTS_SHARE = 0.7  # of the declared rate, below which the reports are too slow
 LOST_SHARE = 0.02  # of the replies, above which a bus has a fault
+MORE_REPORTS = 1.5  # times the declared rate, above which the reports are too many
+COLDEST, HOTTEST = -15.0, 80.0  # °C of a drive that has rested in a room
+REST_SPEED = 0.1  # rad/s, mean velocity of a joint that rests
+REST_TORQUE = 0.025  # of the rated torque, mean torque of a drive that is disabled
 SLOW_SHARE = 0.5  # of the period, median reply time above which a drive is slow
 SUPPLY_TOLERANCE, EMPTY_SHARE = 0.03, 0.12  # of the voltage of a full battery, and of the nominal one
 ZERO_SILENCE = 0.1  # s without a reply after its zero was set, above which a drive counts as silent
 ZERO_TIME = 2.5  # s of queries after that frame
+ZEROED = 0.05  # rad, position after its zero was set
 
 
 def identity(bench: Bench, block: Any, given: Given) -> Result:
@@ -104,12 +110,19 @@ def key_of(frame: tuple[int, bool, bytes]) -> tuple[int, bool, int]:
     return identifier, extended, data[0] if data and not extended else -1
 
 
-def after_silence(bench: Bench, block: Any, observed: str) -> Result:
-    """Compare what responds now at the id of a drive that has stopped responding. observed : as text"""
+def after_silence(bench: Bench, block: Any, observed: str, repeat: Callable[[], Result] | None = None) -> Result:
+    """Compare what responds now at the id of a drive that has stopped responding.
+
+    observed : as text; repeat : carries the step out once more, if the drive responds again as it should
+    """
     bench.reports.pop(block.bus, None)
     result = identity(bench, block, Given(0.0))
     result.says.insert(0, observed)
-    if not result.findings:
+    if not result.findings and repeat is not None:
+        print_lines([f"  {observed}", "  it responds again, so the step is repeated"])
+        result = repeat()
+        result.says.insert(0, f"repeated after: {observed}")
+    elif not result.findings:
         result.find("silent", f"{observed}, and responds again: check its plug, cable and supply")
     return result
 
@@ -191,11 +204,12 @@ def compare_reports(result: Result, block: Any, reports: int) -> None:
     if declared is None or (declared == 0.0 and reports < REPORTS):
         return
     result.measured["report_rate"] = rate
-    if declared == 0.0 or rate < REPORTS_SHARE * declared:
+    if declared == 0.0 or not REPORTS_SHARE * declared <= rate <= MORE_REPORTS * declared:
+        twice = ", or disconnect a second drive with this id" if rate > declared > 0.0 else ""
         result.find(
             "report rate",
             f"the drive sends {rate:.0f} reports a second by itself, and report_rate is {declared:g} Hz: set the rate "
-            "with the vendor's tool, or declare it",
+            f"with the vendor's tool, or declare it{twice}",
             **({"report_rate": float(round(rate, -1 if rate > 50.0 else 0))} if reports >= REPORTS else {}),
         )
 
@@ -228,9 +242,40 @@ def state(bench: Bench, block: Any, given: Given) -> Result:
             )
         else:
             result.find("fault", f"the drive reports: {fault}")
-    if (voltage := supply_of(bench, block)) is not None:
+    if not result.findings:
+        compare_rest(result, block, samples)
+    if (voltage := last.voltage or supply_of(bench, block)) is not None:
         compare_supply(result, block, bench.rig.battery, voltage)
     return result
+
+
+def compare_rest(result: Result, block: Any, samples: Sequence[Sample]) -> None:
+    """Name a temperature, velocity or torque that a drive which rests cannot have, and one that is still enabled."""
+    last = samples[-1].answer
+    if last.temperature is not None and not COLDEST <= last.temperature <= HOTTEST:
+        result.find(
+            "temperature",
+            f"the drive reports {last.temperature:.0f} °C at rest and no error: let it cool down, or its sensor, its "
+            "wire or the layout of the reply is another",
+        )
+    velocity = sum(sample.velocity for sample in samples) / len(samples)
+    moved = samples[-1].position - samples[0].position
+    if abs(velocity) > REST_SPEED and abs(velocity) * (samples[-1].time - samples[0].time) > 2.0 * abs(moved):
+        result.measured["velocity"] = velocity
+        result.find(
+            "velocity at rest", f"the drive reports {velocity:.2f} rad/s while its position moves by {moved:.3f} rad"
+        )
+    torques = [sample.answer.torque for sample in samples if sample.answer.torque is not None]
+    torque, rated = sum(torques) / max(1, len(torques)), block.spec.rated
+    if rated is not None and abs(torque) > REST_TORQUE * rated:
+        result.measured["torque"] = torque
+        result.find(
+            "torque at rest",
+            f"the drive reports {torque:.2f} N·m although it is disabled: another controller, an offset of its "
+            "current, or firmware that ignores the disable",
+        )
+    if all(sample.answer.enabled for sample in samples):
+        result.find("not disabled", "the drive reports that it is enabled after each disable")
 
 
 def supply_of(bench: Bench, block: Any) -> float | None:
@@ -278,7 +323,8 @@ def zero(bench: Bench, block: Any, given: Given) -> Result:
     bench.at_rest(block)
     bench.buses[block.bus].send(frame, "set zero")
     began = time.monotonic()
-    replies = [sample.time - began for sample in bench.for_seconds(ZERO_TIME, [block])[block.path]]
+    samples = bench.for_seconds(ZERO_TIME, [block])[block.path]
+    replies = [sample.time - began for sample in samples]
     gaps = [after - before for before, after in zip([0.0, *replies], [*replies, ZERO_TIME])]
     silence, result = max(gaps), Result()
     result.measured = {"silence": silence}
@@ -288,5 +334,11 @@ def zero(bench: Bench, block: Any, given: Given) -> Result:
             "silent after zero",
             f"the drive does not reply for {silence:.2f} s after its zero was set. Arming waits for it, at most "
             f"{ZERO_LIMIT * 1e-9:g} s; to avoid that, set the zero with `configure --zero`, and omit zero_at_arming",
+        )
+    elif abs(samples[-1].position) > ZEROED:
+        result.find(
+            "zero not set",
+            f"after its zero was set, the drive reads {samples[-1].position:.3f} rad: it ignores that frame, or the "
+            "joint has moved. Omit zero_at_arming, and declare offset",
         )
     return result

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from graph import Input, Param
 from runtime.setup.commissioning.guided.bench import Result
-from runtime.setup.commissioning.guided.driven import Probe
+from runtime.setup.commissioning.guided.probes import Probe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

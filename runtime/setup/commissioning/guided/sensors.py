@@ -15,18 +15,21 @@ import numpy as np
 
 from graph import Block, Diagram, Input, subsystem
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask
-from runtime.setup.commissioning.guided.driven import run_on_rig
+from runtime.setup.commissioning.guided.driven import raise_if_of_computer, run_on_rig
 
 GRAVITY, GRAVITY_TOLERANCE = 9.81, 0.5  # m/s²
 STILL_ACCEL, STILL_GYRO = 0.3, 0.05  # m/s² and rad/s, standard deviation of a sensor at rest
 BIAS = 0.05  # rad/s
-RECEIVED_SHARE = 0.9  # of the samples at the declared rate
+RECEIVED_SHARE, MORE_SHARE = 0.9, 1.5  # of the samples at the declared rate: fewest and most
 SLOW_SHARE = 1.3  # of the declared period, median time between samples of a sensor with another rate
 REST_TIME, BEND_TIME, RETURN_TIME = 2.0, 6.0, 8.0  # s
 POSE_TIME = 0.5  # s at the beginning and the end of a motion, in which the segment is held
 BENT = 0.35  # rad, smallest turn of a segment that was bent
 AXES_TOLERANCE = 0.25  # rad, between the specific force and where the angular rate has carried it
 SCALES = (0.5, 2.0, 0.25, 4.0, 0.125, 8.0)  # between full scales of one sensor
+UNITS = {math.radians(1.0): "degrees per second", math.degrees(1.0): "radians per second, converted once more"}
+BY_HAND = 0.3, 15.0  # rad/s, largest angular rate of a segment that is bent by hand
+NO_RATE = 0.1  # of the turn, below which the angular rate does not show it
 RINGING, RINGING_SHARE = 0.4, 0.5  # rad/s, and share of the slow part: oscillation of a sensor on its segment
 RINGING_TIME, SMOOTH_TIME = 0.5, 0.1  # s over which it is measured, and within which a hand does not turn to and fro
 DRIFT = 0.01  # of a clock, beyond which it jumps: crystals stay below 0.0001, and late samples shift it a little
@@ -91,8 +94,9 @@ def read_those(bench: Bench, sensors: list[Any], seconds: float) -> tuple[dict[s
             for name, port in (("rate", "measured_rate"), ("drift", "clock_drift")):
                 if port in sensor.outputs:
                     kept[block.path](**{name: getattr(sensor, port)})
-    outcome = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate)).outcome
-    if outcome.faulted:
+    run = run_on_rig(bench, diagram, math.ceil(seconds * diagram.rate))
+    raise_if_of_computer(run)
+    if (outcome := run.outcome).faulted:
         return {}, {*outcome.unanswered} or {outcome.culprit or sensors[0].path}
     return {path: each.motion() for path, each in kept.items()}, set()
 
@@ -129,7 +133,15 @@ def rest_of(block: Any, motion: Motion) -> Result:
         f"{share:.0%} of the samples at {block.rate:g} Hz; {strength:.2f} m/s² at rest; noise {shake:.3f} m/s² and "
         f"{spin:.4f} rad/s; bias {bias:.4f} rad/s"
     )
-    if share < RECEIVED_SHARE:
+    stamps = motion.time - motion.age
+    most = max(share, float((np.diff(stamps) > 0.3 / block.rate).sum()) / expected)  # also with one in each tick
+    if most > MORE_SHARE:
+        result.find(
+            "sample rate",
+            f"{most:.0%} of the samples at {block.rate:g} Hz arrived: it has another rate, or a second sensor has its "
+            "address",
+        )
+    elif share < RECEIVED_SHARE:
         slow = len(arrivals) > 2 and float(np.median(np.diff(arrivals))) > SLOW_SHARE / block.rate
         name = "sample rate" if slow else "drop-outs"
         result.find(name, f"{share:.0%} of the samples at {block.rate:g} Hz arrived: check its rate, plug and cable")
@@ -181,13 +193,15 @@ def bend_of(path: str, out: dict[str, Motion], back: dict[str, Motion]) -> Resul
         f"the angular rate explains the turn within {math.degrees(error):.1f}°; {math.degrees(shift):.1f}° away after "
         "the return"
     )
-    factors = [factor for factor in SCALES if between(carried(out[path], factor), last) < AXES_TOLERANCE]
+    factors = [factor for factor in plausible(out[path]) if between(carried(out[path], factor), last) < AXES_TOLERANCE]
     if error > AXES_TOLERANCE and factors:
+        why = f"it is in {UNITS[factors[0]]}" if factors[0] in UNITS else "check its full scale"
         result.find(
             "scale of the sensor",
-            f"the angular rate agrees with the specific force only if it is multiplied by {factors[0]:g}: check its "
-            "full scale",
+            f"the angular rate agrees with the specific force only if it is multiplied by {factors[0]:.4g}: {why}",
         )
+    elif error > AXES_TOLERANCE and turned_by_rate(out[path]) < NO_RATE * turned[path]:
+        result.find("no angular rate", "the angular rate stays at zero while the sensor turns")
     elif error > AXES_TOLERANCE:
         result.find(
             "axes",
@@ -239,6 +253,18 @@ def ringing_of(motion: Motion) -> float:
     slow = np.array([np.convolve(axis, smooth, "same") for axis in motion.gyro.T]).T
     fast, slow = (np.sqrt(np.convolve((rate**2).sum(axis=1), window, "valid")) for rate in (motion.gyro - slow, slow))
     return float(np.where(fast > RINGING_SHARE * slow, fast, 0.0).max())
+
+
+def plausible(motion: Motion) -> list[float]:
+    """Return the factors between scales and units with which a hand could have caused the angular rate."""
+    most = float(np.linalg.norm(motion.gyro, axis=1).max())
+    return [factor for factor in (*SCALES, *UNITS) if BY_HAND[0] < factor * most < BY_HAND[1]]
+
+
+def turned_by_rate(motion: Motion) -> float:
+    """Return the integral of the angular rate in rad, without its mean in the first pose."""
+    bias = motion.gyro[motion.time <= motion.time[0] + POSE_TIME].mean(axis=0)
+    return float(np.linalg.norm(np.diff(motion.time) @ (motion.gyro[1:] - bias)))
 
 
 def between(first: np.ndarray, second: np.ndarray) -> float:

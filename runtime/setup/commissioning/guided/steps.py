@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from blocks.sensors.insole import Insole
@@ -20,12 +21,12 @@ from runtime.setup.commissioning.guided import (
     sensors,
     stops,
 )
-from runtime.setup.commissioning.guided.bench import BUTTONS, Lost
+from runtime.setup.commissioning.guided.bench import BUTTONS, Lost, Result, Unmeasured
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from runtime.setup.commissioning.guided.bench import Bench, Given, Result
+    from runtime.setup.commissioning.guided.bench import Bench, Given
 
 NOTHING = "nothing moves: only disable frames are sent"
 NO_MOTOR = "you move; no motor is enabled"
@@ -57,10 +58,7 @@ class Step:
     def of(self, bench: Bench, block: Any, given: Given) -> Result:
         """Carry out the step. A drive that no longer responds, and error frames meanwhile, are findings."""
         before = bench.errors(block.bus)
-        try:
-            result = self.carry_out(bench, block, given)
-        except Lost as lost:
-            result = passive.after_silence(bench, block, str(lost))
+        result = self.attempt(bench, block, given, again=self.driven)
         errors = bench.errors(block.bus) - before
         if errors > ERROR_FRAMES and not result.findings:
             result.find(
@@ -69,6 +67,16 @@ class Step:
                 "ground, also while motors draw current",
             )
         return result
+
+    def attempt(self, bench: Bench, block: Any, given: Given, again: bool) -> Result:
+        """Carry out the step. again : whether to repeat it once if the drive is silent meanwhile, and then responds"""
+        try:
+            return self.carry_out(bench, block, given)
+        except Unmeasured as reason:
+            return Result([str(reason)], done=False)
+        except Lost as lost:
+            repeat = partial(self.attempt, bench, block, given, again=False) if again else None
+            return passive.after_silence(bench, block, str(lost), repeat)
 
 
 STEPS = (

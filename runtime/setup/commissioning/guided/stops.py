@@ -28,17 +28,9 @@ from runtime.robot.guardian.lock import BusLock, BusTaken
 from runtime.robot.guardian.wires import SHARED, SocketCanWire
 from runtime.robot.rig.tool_bus import ToolBus
 from runtime.setup.commissioning.guided.bench import Bench, Given, Result, ask, number
-from runtime.setup.commissioning.guided.driven import (
-    NO_LEVER,
-    RATE,
-    Lever,
-    LeverProbe,
-    failed,
-    lever_diagram,
-    lever_of,
-    run_on_rig,
-)
+from runtime.setup.commissioning.guided.driven import NO_LEVER, RATE, failed, lever_diagram, lever_of, run_on_rig
 from runtime.setup.commissioning.guided.passive import supply_of
+from runtime.setup.commissioning.guided.probes import Lever, LeverProbe
 
 HELD_TIME, SETTLE_TIME = 20.0, 0.5  # s for which the run holds the lever, and after which it is held
 WITHOUT_TORQUE = 0.3  # of the torque or current that held the lever, below which a drive counts as without torque

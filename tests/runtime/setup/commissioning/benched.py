@@ -33,6 +33,7 @@ class Arm(Block):
     """Joint that a hand holds, from which a lever hangs, or that has a lower stop."""
 
     noise = Param(0.0, "rad")
+    friction = Param(0.0, "N·m", "Coulomb friction while a lever hangs from it")
     torque = Input("N·m")
     position = Output("rad")
     velocity = Output("rad/s")
@@ -63,7 +64,8 @@ class Arm(Block):
         else:
             lever, inertia = self.hand.get("lever", 0.4), self.hand["inertia"]
             pull = lever * math.sin(self.at) if "lever" in self.hand else self.held(0.05)
-            self.speed += (torque - pull - 0.15 * math.sqrt(lever * inertia) * self.speed) / inertia * self.dt
+            free = self.speed + (torque - pull - 0.15 * math.sqrt(lever * inertia) * self.speed) / inertia * self.dt
+            self.speed = math.copysign(max(0.0, abs(free) - self.friction * self.dt / inertia), free)
         self.at += self.speed * self.dt
         if abs(torque) > self.most:
             self.most = abs(torque)
@@ -71,6 +73,16 @@ class Arm(Block):
             self.shown = self.most
             with open(FOLDER + "/torque_" + self.path, "w") as file:
                 file.write(str(self.most))
+
+
+class Plug(Block):
+    """Plug that has no contact for a part of each second."""
+
+    part = Param(0.15, "1")
+    open = Output("1")
+
+    def step(self, t):
+        return float(t % 1.0 < self.part)
 
 
 def build():
@@ -87,8 +99,11 @@ def plant(robot):
     with Diagram("bench_plant", rate=1000) as plant:
         for name, (_, _, _, faults, _) in DRIVES.items():
             faults = dict(faults)
-            noise, kind, inputs = faults.pop("noise", 0.0), faults.pop("kind", None), faults.pop("inputs", {{}})
+            kind, inputs = faults.pop("kind", None), faults.pop("inputs", {{}})
             moved, velocity = faults.pop("moved_by", name), faults.pop("velocity", 1.0)
+            shown, bias = faults.pop("position", 1.0), faults.pop("bias", 0.0)
+            own = {{each: faults.pop(each) for each in ("noise", "friction") if each in faults}}
+            part = faults.pop("plug", 0.0)
             drive, encoder = robot[name], faults.pop("encoder", None)
             with subsystem(name):
                 for other in ("twin", "ground", "end"):
@@ -100,10 +115,12 @@ def plant(robot):
                     emulated = globals()["Emulated" + kind](model, bus="legs", can_id=drive.can_id, **faults)
                 else:
                     emulated = drive.emulator(**faults)
-            arm = Arm(noise=noise, slip=encoder[1] if encoder else 0.0, name=moved)(emulated.torque)
+            arm = Arm(**own, slip=encoder[1] if encoder else 0.0, name=moved)(emulated.torque)
             if encoder is not None:
                 robot[name + "_encoder"].emulator()(position=arm.encoder)
-            emulated(position=arm.position, velocity=velocity * arm.velocity, **inputs)
+            if part:
+                inputs["dropped"] = Plug(part=part, name="plug_of_" + name)()
+            emulated(position=shown * arm.position, velocity=velocity * arm.velocity + bias, **inputs)
     return plant
 '''
 

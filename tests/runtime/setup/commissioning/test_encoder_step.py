@@ -36,3 +36,13 @@ def test_a_joint_is_compared_with_its_encoder(case):
 
 def test_a_joint_that_was_not_turned_claims_nothing():
     assert not encoder.encoder_result(block_of("CubeMars", "AK80-9"), "encoder", HEALTHY[:1] * 3).done
+
+
+@pytest.mark.parametrize(
+    "magnets, words", [({0}, ""), ({0, 1}, "weak"), ({2}, "strong"), ({1, 2}, "weak and too strong")]
+)
+def test_a_field_of_the_magnet_that_the_encoder_reports_as_wrong_is_named(magnets, words):
+    result = encoder.encoder_result(block_of("CubeMars", "AK80-9"), "encoder", HEALTHY)
+    encoder.compare_magnet(result, "encoder", magnets)
+    assert [name for name, _ in result.findings] == ["magnet"] * bool(words)
+    assert not words or f"too {words}:" in result.findings[0][1]

@@ -9,8 +9,9 @@ from blocks.actuators import CubeMars, CubeMarsServo
 from graph import Diagram
 from runtime.host.errors import FAULT
 from runtime.robot.rig.file import parse
-from runtime.setup.commissioning.guided.bench import Bench, Given
-from runtime.setup.commissioning.guided.steps import STEPS
+from runtime.robot.rig.records import OPEN
+from runtime.setup.commissioning.guided.bench import Bench, Given, Lost, Result, Unmeasured
+from runtime.setup.commissioning.guided.steps import STEPS, Step
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, finished
 from tests.runtime.setup.commissioning.nodes import Mit, Node, Nodes, Servo
 
@@ -99,6 +100,38 @@ def test_a_burst_of_error_frames_in_any_step_is_named():
             with Nodes(124, Bursts()):
                 result = STEP["state"].of(bench, block, Given(0.0))
             assert [name for name, _ in result.findings] == ["bus errors"], result
+
+
+class Stalls:
+    """Carries out a step in which the drive is silent for the first `times`, or the computer has ended the run."""
+
+    def __init__(self, times, error=Lost):
+        self.times, self.error, self.count = times, error, 0
+
+    def __call__(self, bench, block, given):
+        self.count += 1
+        if self.count <= self.times:
+            raise self.error("no reply for 0.3 s")
+        return Result(["measured"])
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize(
+    "stalls, driven, names, count",
+    [
+        (Stalls(1), True, [], 2),
+        (Stalls(2), True, ["silent"], 2),
+        (Stalls(1), False, ["silent"], 1),
+        (Stalls(1, Unmeasured), True, [], 1),
+    ],
+)
+def test_a_step_under_torque_is_repeated_once_where_the_drive_responds_again(stalls, driven, names, count):
+    with Nodes(126, Mit(3)) as nodes:
+        bench, block = bench_of(nodes.channel)
+        with bench:
+            result = Step("torque", "", "", stalls, driven).of(bench, block, Given(0.0))
+    assert [name for name, _ in result.findings] == names and stalls.count == count, result
+    assert "no reply for 0.3 s" in result.says[0] and (result.verdict == OPEN) == (stalls.error is Unmeasured)
 
 
 class SwitchedUnderTorque(Switched):

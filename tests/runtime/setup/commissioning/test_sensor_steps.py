@@ -1,6 +1,7 @@
 """The steps of `commission` for inertial sensors: two of each family, and what a hand does with them."""
 
 import json
+import math
 import os
 import re
 import threading
@@ -56,6 +57,7 @@ def returned(t, end=0.0):
         ({"noise": 0.05}, None),
         ({"noise": 0.8}, "noisy sensor"),
         ({"period": 0.02}, "sample rate"),
+        ({"period": 0.004}, "sample rate"),
         ({"lost": 0.1}, "drop-outs"),
     ],
 )
@@ -86,6 +88,7 @@ def test_a_healthy_sensor_agrees_about_every_axis(axis):
     assert result.measured["axes_error"] < 0.02 > result.measured["shift"]
 
 
+CYCLIC = np.roll(np.eye(3), 1, axis=0)
 EXCHANGED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -96,13 +99,26 @@ EXCHANGED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         ({"left": motion(bent, mix=-np.eye(3))}, {"left": motion(returned)}, "axes"),
         ({"left": motion(bent, mix=EXCHANGED)}, {"left": motion(returned)}, "axes"),
         ({"left": motion(bent, mix=2.0 * np.eye(3))}, {"left": motion(returned)}, "scale of the sensor"),
+        ({"left": motion(bent, mix=math.degrees(1.0) * np.eye(3))}, {"left": motion(returned)}, "scale of the sensor"),
+        ({"left": motion(bent, mix=math.radians(1.0) * np.eye(3))}, {"left": motion(returned)}, "scale of the sensor"),
+        ({"left": motion(bent, mix=np.zeros((3, 3)))}, {"left": motion(returned)}, "no angular rate"),
+        ({"left": motion(bent, mix=CYCLIC)}, {"left": motion(returned)}, "axes"),
         ({"left": motion(bent)}, {"left": motion(lambda t: returned(t, end=0.15))}, "loose sensor"),
         ({}, {}, "silent"),
     ],
-    ids=["exchanged", "negated", "axes", "scale", "loose", "absent"],
+    ids=["exchanged", "negated", "axes", "scale", "degrees", "radians", "no rate", "cyclic", "loose", "absent"],
 )
 def test_each_fault_of_a_sensor_is_named_when_its_segment_is_bent(out, back, finding):
     assert [name for name, _ in sensors.bend_of("left", out, back).findings] == [finding]
+
+
+@pytest.mark.parametrize("most", [0.4, 0.8, 1.2])
+@pytest.mark.parametrize(
+    "mix", [-np.eye(3), EXCHANGED, CYCLIC, -CYCLIC], ids=["negated", "exchanged", "cyclic", "both"]
+)
+def test_axes_are_not_taken_for_another_unit(mix, most):
+    out = {"left": motion(lambda t: bent(t, most), mix=mix, noise=0.02)}
+    assert [name for name, _ in sensors.bend_of("left", out, out).findings] == ["axes"]
 
 
 def shaken(t, rings=0.0):

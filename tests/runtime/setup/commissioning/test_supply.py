@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from graph.family import Answer
 from runtime.robot.rig.battery import Battery
-from runtime.setup.commissioning.guided.bench import Result
-from runtime.setup.commissioning.guided.passive import compare_supply
+from runtime.setup.commissioning.guided.bench import Given, Result, Sample
+from runtime.setup.commissioning.guided.passive import compare_supply, state
 from runtime.setup.commissioning.guided.stops import supply_under
 
 BATTERY = Battery(voltage=44.4, capacity=5.0, full_voltage=50.4)
@@ -29,6 +30,16 @@ def test_a_supply_that_is_not_the_model_s_or_the_battery_s_is_named(voltage, bat
     compare_supply(result, SimpleNamespace(spec=SimpleNamespace(supply=(24, 60))), battery, voltage)
     assert [name for name, _ in result.findings] == ["supply voltage"] * found
     assert result.measured == {"supply": voltage}
+
+
+@pytest.mark.parametrize("voltage, found", [(24.0, False), (8.0, True)])
+def test_a_supply_that_each_reply_contains_is_compared(voltage, found):
+    """As that of a moteus controller, which has no parameter to read."""
+    answer = Answer("moteus", 1, position=0.0, temperature=30.0, voltage=voltage)
+    samples = [Sample(0.01 * index, 0.0, 0.0, answer) for index in range(40)]
+    bench = SimpleNamespace(at_rest=lambda block: samples, rig=SimpleNamespace(battery=None))
+    result = state(bench, SimpleNamespace(spec=SimpleNamespace(supply=(10.0, 54.0), rated=None)), Given(0.0))
+    assert [name for name, _ in result.findings] == ["supply voltage"] * found, result
 
 
 @pytest.mark.parametrize(

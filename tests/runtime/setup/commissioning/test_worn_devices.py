@@ -35,6 +35,7 @@ CASES = {
     "drop-outs": ({"lost": 0.2}, STILL, "drop-outs"),
     "corrupt": ({"corrupt": 0.1}, STILL, "corrupt frames"),
     "dead": ({"dead": 0.1}, STILL, "dead cells"),
+    "scale": ({"peak": 7000.0}, STILL, "scale of the insole"),
     "offset": ({"air": 150.0, "peak": 850.0}, STILL, "offset of the insole"),
 }
 
@@ -50,6 +51,8 @@ def test_an_insole_that_is_stepped_on_is_compared_with_its_block(case):
 def test_an_insole_that_is_silent_or_was_not_loaded():
     assert [name for name, _ in insoles.load_of("left", {}).findings] == ["silent"]
     assert not insoles.load_of("left", {"left": loading(**STILL)}).done
+    light = insoles.load_of("left", {"left": loading(peak=70.0)})
+    assert not light.done and "60 N at most" in light.says[0]
 
 
 def ended(status="ok"):
