@@ -37,6 +37,7 @@ SEGMENTS = ("thigh", "shank", "foot")
 POSITIVE = {"hip": "flexion", "abduction": "hip abduction", "knee": "flexion", "ankle": "dorsiflexion"}
 # Mean pitch of a segment in walking, in degrees: of people who walk on level ground, slopes and stairs, or crouched.
 POSTURES = {"thigh": (-15.0, 45.0), "shank": (-45.0, 15.0), "foot": (-65.0, 20.0)}
+STIFF_KNEE = 0.5  # smallest variance of the rate of a shank over that of its thigh: with a stiff knee, at least 0.56
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 THIGH_OFFSET = 0.02  # of a stride, standard deviation of the strikes of ThighEvents between adults
 LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
@@ -190,7 +191,8 @@ def ordered(walking, **segments):
     segments : from the hip down, such as thigh={side: Motion}, shank={side: Motion}
     """
     for (upper, above), (lower, below) in pairwise(segments.items()):
-        monitor = SegmentOrder(f"{upper} IMU", f"{lower} IMU", name=f"{upper}_{lower}_order")
+        least = STIFF_KNEE if lower == "shank" else 0.85
+        monitor = SegmentOrder(f"{upper} IMU", f"{lower} IMU", least, name=f"{upper}_{lower}_order")
         inputs = {f"{side}_{place}": leg[side] for place, leg in (("upper", above), ("lower", below)) for side in leg}
         monitor(**{name: motion.velocity for name, motion in inputs.items()}, enable=walking)
     for segment, motions in segments.items():

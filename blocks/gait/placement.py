@@ -82,15 +82,17 @@ class SegmentOrder(Block):
     In walking, a lower segment turns faster. In means over 1 s, the variance of the rate of a shank is at least 1.38
     times that of the thigh, and that of a foot 1.34 times that of the shank, in three recorded adults and in walkers
     from 0.5 to 1.9 m/s. The run ends with a fault that names the sensors after 0.2 s in which that of the lower segment
-    is less than 0.85 times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. After
+    is less than `least` times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. After
     0.5 s of comparison, samples count only while it is true, and are compared 1 s after it has become true. Samples in
     which no segment turns faster than 0.3 rad/s do not count: the step that ends a stand turns one thigh alone. With
-    one leg, leave the inputs of the right one unconnected. Limits: a knee or ankle that is locked is just within the
-    limit. NaN and infinity are not stored.
+    one leg, leave the inputs of the right one unconnected. The shank below a stiff knee, with 0.3 to 0.6 of its range,
+    turns more slowly than its thigh: the ratio is then at least 0.56. If the sensors are exchanged, it varies from 0.2
+    to 0.7 within a stride. NaN and infinity are not stored.
     """
 
     upper = Param("thigh IMU", "1", "name of the sensors on the upper segments in the fault", dtype=str)
     lower = Param("shank IMU", "1", "name of the sensors on the lower segments in the fault", dtype=str)
+    least = Param(0.85, "1", "smallest variance of the lower rate over that of the upper one", above=0.0, max=1.0)
 
     left_upper = Input("rad/s", "rate of the upper segment of the left leg")
     right_upper = Input("rad/s", "the same of the right leg", default=0.0)

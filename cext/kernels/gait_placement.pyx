@@ -135,12 +135,11 @@ cdef enum:                              # statuses
     RIGHT_ORDER = FIRST_OWN_STATUS + 1
 
 cdef double ORDER_TIME = 1.0            # s, time constant of the variances
-cdef double ORDER_SHARE = 0.85          # of the variance of the upper segment
 cdef double STILL_RATE = 0.3            # rad/s of every segment, below which the wearer stands
 
 
 cdef struct Order:
-    int32_t left_upper, right_upper, left_lower, right_lower, enable
+    int32_t left_upper, right_upper, left_lower, right_lower, enable, least
     int32_t moments             # means, then mean squares, of the inputs in their order; then see below
 
 ORDER = items((<Order *>ITEMS)[0], "moments[11]")
@@ -173,7 +172,7 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
         m[i] += share * (x[i] - m[i])
         m[4 + i] += share * (x[i] * x[i] - m[4 + i])
     for i in range(2):
-        if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < ORDER_SHARE * (m[4 + i] - m[i] * m[i]):
+        if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < arena[at.least] * (m[4 + i] - m[i] * m[i]):
             status = RIGHT_ORDER if i else LEFT_ORDER
     m[DISORDER] = m[DISORDER] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[ONWARD] >= 0.0 else 0.0
     return status if m[DISORDER] > FAULT_TIME else OK

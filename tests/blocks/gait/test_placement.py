@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from blocks.gait import SegmentOrder, SegmentPosture, SensorPlacement
+from diagrams.parts import STIFF_KNEE
 from graph import Diagram
 from runtime.setup.bench.gait import play
 from runtime.setup.bench.gait_recordings import legs
@@ -56,15 +57,21 @@ def test_correct_sensors_agree_and_a_disabled_comparison_reports_nothing():
 
 
 @pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("stiff", [1.0, 0.6, 0.5, 0.4, 0.3])
 @pytest.mark.parametrize("exchanged", [None, "left", "right"])
-def test_a_thigh_that_turns_faster_than_its_shank_is_a_fault(exchanged):
+def test_a_thigh_that_turns_faster_than_its_shank_is_a_fault(exchanged, stiff):
+    """Also beside a stiff left knee, which is none. stiff : its share of the range"""
     rates = {}
     for leg in legs(shared("gait/healthy_young.csv"), {}):
         signals = play(leg, "steady", RATE).signals
         pair = [signals["thigh_velocity"], signals["shank_velocity"]]
+        if leg.name == "left" != exchanged:
+            pair[1] = pair[0] - stiff * (pair[0] - pair[1])
         rates[f"{leg.name}_upper"], rates[f"{leg.name}_lower"] = pair[::-1] if leg.name == exchanged else pair
     with Diagram("order", RATE) as diagram:
-        SegmentOrder(name="monitor")(**{name: player(values, "rad/s") for name, values in rates.items()})
+        SegmentOrder(least=STIFF_KNEE, name="monitor")(
+            **{name: player(values, "rad/s") for name, values in rates.items()}
+        )
     trial = run(diagram, int(20.0 * RATE))
     if exchanged is None:
         assert trial.outcome.status == "ok"
