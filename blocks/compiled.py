@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from blocks._plumbing.paths import path_beside
+from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import check_port_names, unit_and_limits
 from cext.kernels import compiled as kernels
 from graph import Block, Input, Memory, Output, Param, units
@@ -31,14 +31,7 @@ class Compiled(Block):
     than 0. A run repeats bit for bit if the library's results depend on its inputs and its own state alone.
     """
 
-    file = Param(
-        "",
-        "1",
-        "path of the library: absolute, or relative to the folder of the diagram or the working folder",
-        required=True,
-        dtype=str,
-        file=True,
-    )
+    file = file_param("library")
     takes = Param({}, "1", "inputs, as {name: unit}, in the order of the library", dtype=dict)
     gives = Param({}, "1", "outputs, as {name: unit} or {name: (unit, lowest, highest value)}", dtype=dict)
 

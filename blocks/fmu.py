@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blocks._plumbing.fmus import FLOATS, Slave, kind_of, limits
-from blocks._plumbing.paths import path_beside
+from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import port_name, unit_and_limits
 from graph import Block, Input, Output, Param, units
 from graph.names import suggestion
@@ -19,6 +19,7 @@ NOT_PORTS = ("String", "Binary", "Clock")  # types of variables
 STEP_TOLERANCE = 1e-6  # relative difference of a tick from a whole number of the FMU's own steps
 UNIT_TOLERANCE = 1e-6  # relative difference of the factors of two equal units
 PORT_LIMIT = 32  # inputs, and outputs, of a Python block
+ELEMENTS_LIMIT = 10_000  # of an array
 
 
 class Fmu(Block):
@@ -37,14 +38,7 @@ class Fmu(Block):
     of the FMU depend on its inputs and its own state alone. Requires FMPy: `pip install 'tickwork[fmi]'`.
     """
 
-    file = Param(
-        "",
-        "1",
-        "path of the FMU: absolute, or relative to the folder of the diagram or the working folder",
-        required=True,
-        dtype=str,
-        file=True,
-    )
+    file = file_param("FMU")
     start = Param({}, "1", "values of parameters, inputs and states at the start, as {variable: value}", dtype=dict)
     takes = Param({}, "1", "the inputs to use, as {variable: unit}; by default all", dtype=dict)
     gives = Param(
@@ -130,6 +124,11 @@ class Fmu(Block):
             if not usable:
                 kind = f"{each.variability} {each.causality} of the type {each.type}"
                 raise ValueError(f"{stated}: {each.name} is a {kind}, and cannot be an {causality} of the block")
+            if math.prod(each.shape) > ELEMENTS_LIMIT:
+                raise ValueError(
+                    f"{each.name} is an array of the shape {each.shape}, and a port has at most {ELEMENTS_LIMIT} "
+                    f"elements: list other {causality}s in {stated}"
+                )
             port = port_name(each.name, _RESERVED_NAMES, "_port")
             if port in ports or port in self.inputs:
                 raise ValueError(f"two variables would be the port {port}: list one of them in {stated}")

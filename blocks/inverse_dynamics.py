@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blocks._plumbing.paths import path_beside
+from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import check_port_names, port_name
 from blocks._plumbing.robot_files import Body, Joint, bodies_of
 from blocks.mujoco import files_of, listed
@@ -41,14 +41,7 @@ class InverseDynamics(Block):
     Direct feedthrough; NaN passes. MJCF requires MuJoCo: `pip install 'tickwork[mujoco]'`.
     """
 
-    file = Param(
-        "",
-        "1",
-        "path of the URDF or MJCF file: absolute, or relative to the folder of the diagram or the working folder",
-        required=True,
-        dtype=str,
-        file=True,
-    )
+    file = file_param("URDF or MJCF file")
     joints = Param((), "1", "names of the joints that move; by default all revolute and prismatic joints of the file")
     gravity = Param(9.80665, "m/s²", "gravitational acceleration, along -z of the world", min=0.0)
 

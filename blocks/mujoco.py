@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from blocks._plumbing.paths import path_beside
+from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import port_name
 from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
 from graph import Block, Input, Memory, Output, Param
@@ -59,14 +59,7 @@ class MujocoBody(Block):
     ends the run with a fault. Requires MuJoCo: `pip install 'tickwork[mujoco]'`.
     """
 
-    file = Param(
-        "",
-        "1",
-        "path of the MJCF file: absolute, or relative to the folder of the diagram or the working folder",
-        required=True,
-        dtype=str,
-        file=True,
-    )
+    file = file_param("MJCF file")
     keyframe = Param("", "1", "name of the keyframe of the file at the start; by default the reference pose", dtype=str)
     pose = Param((), "1", 'positions of hinges and slides at the start in rad or m, as in (("knee", 0.4),)')
     spread = Param(

@@ -8,7 +8,7 @@ from typing import Any
 
 from blocks._plumbing.network_files import reason, weights_of
 from blocks._plumbing.network_ports import Description, describe, tensors
-from blocks._plumbing.paths import path_beside
+from blocks._plumbing.paths import file_param, path_beside
 from cext.kernels.networks.inference import tick
 from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model, runtime_version
 from cext.kernels.networks.worker import Owner, Worker, delayed
@@ -40,14 +40,7 @@ class OnnxModel(Block):
     fade to the value nearest to 0 within as long again, or are a fault.
     """
 
-    file = Param(
-        "",
-        "1",
-        "path of the ONNX file: absolute, or relative to the folder of the diagram or the working folder",
-        required=True,
-        dtype=str,
-        file=True,
-    )
+    file = file_param("ONNX file")
     channels = Param((), "1", "inputs of the network, each with name, unit, mean and std; by default those in the file")
     results = Param(
         (), "1", "outputs of the network, each with name, unit, range, mean and std; by default those in the file"

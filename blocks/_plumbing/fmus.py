@@ -21,6 +21,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from blocks._plumbing.fmu_archive import check_sizes, is_used
+
 EXTRA = "pip install 'tickwork[fmi]'"
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 ERROR, FATAL = 3, 4
@@ -51,6 +53,7 @@ class Slave:
         self.fmpy = library()
         self.folder = mkdtemp(prefix="tickwork-fmu-")
         weakref.finalize(self, remove, self.folder, os.getpid())
+        check_sizes(file, self.folder)
         try:
             self.fmpy.extract(file, self.folder, is_used)
             self.description = self.fmpy.read_model_description(self.folder)
@@ -194,11 +197,6 @@ def library() -> Any:
         raise ValueError(f"FMPy is not installed: {EXTRA}")
     with quiet():
         return importlib.import_module("fmpy")
-
-
-def is_used(name: str) -> bool:
-    """Return whether a simulation uses a file of an FMU."""
-    return name.startswith(("modelDescription.xml", "binaries/", "resources/"))
 
 
 def remove(folder: str, process: int) -> None:

@@ -5,6 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from graph import Param
+
+
+def file_param(what: str) -> Param[str]:
+    """Return the declaration of a file that a block needs. what : such as "ONNX file" """
+    place = "absolute, or relative to the folder of the diagram or the working folder"
+    return Param("", "1", f"path of the {what}: {place}", required=True, dtype=str, file=True)
+
 
 def path_beside(location: Any, file: str) -> Path:
     """Return the path of a file that is named relative to the folder of a diagram, or to the working folder.

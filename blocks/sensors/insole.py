@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from blocks.sensors.microcontroller import Microcontroller
 from cext.kernels import no_io
 from cext.kernels.devices import insole as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, StreamDevice
@@ -81,14 +82,7 @@ class Insole(StreamDevice):
         fixed=True,
         kernel=False,
     )
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a frame after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = Microcontroller.parameters["timeout"]
 
     force = Output("N", "total force")
     centre = Output("m", "centre of pressure: forward from the end of the heel, left from the middle", shape=(2,))

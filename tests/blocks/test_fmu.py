@@ -1,14 +1,19 @@
 """Co-simulation FMUs: real ones, which the C compiler makes, compared with FMPy's own simulation of them."""
 
+import gc
 import math
 import re
 import shutil
 import signal
+import tempfile
 import zipfile
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from blocks._plumbing import fmu_archive
 from blocks.fmu import Fmu
 from blocks.sources import Constant, Sine
 from graph import Diagram, Interval, compile, stack
@@ -192,6 +197,69 @@ MISTAKES = {
     "knee.angle has the unit rad in the FMU, and deg is stated": {"takes": {"knee.angle": "deg"}},
     "start: mode must be from -2.14748e+09 to 2.14748e+09, got 4294967296": {"start": {"mode": 2**32}},
 }
+
+
+def padded(file, other, name, size, entries=1):
+    """The same FMU with zeros in `entries` files of a name. Returns its path."""
+    with zipfile.ZipFile(file) as source, zipfile.ZipFile(other, "w", zipfile.ZIP_DEFLATED) as archive:
+        for each in source.namelist():
+            if each != name:
+                archive.writestr(each, source.read(each))
+        for number in range(entries):
+            archive.writestr(name.format(number), bytes(size))
+    return str(other)
+
+
+def test_an_fmu_that_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, spring, monkeypatch):
+    folder, large = tmp_path / "unpacked", tmp_path / "large.fmu"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(fmpy, "extract", lambda *words: pytest.fail("it was unpacked"))
+    monkeypatch.setattr(fmu_archive, "SIZE_LIMIT", 2 << 20)
+    monkeypatch.setattr(fmu_archive, "DESCRIPTION_LIMIT", 1 << 20)
+    text = str(refusal(Fmu, padded(spring, large, "resources/map.bin", 5 << 20)))
+    assert "large.fmu: it unpacks to 5 MiB, above the limit of 2 MiB: export it without the files" in text
+    assert "the largest is resources/map.bin of 5 MiB" in text
+    text = str(refusal(Fmu, padded(spring, large, "modelDescription.xml", 2 << 20)))
+    assert "modelDescription.xml unpacks to 2 MiB, above the limit of 1 MiB: export the FMU with fewer var" in text
+    text = str(refusal(Fmu, padded(spring, large, "resources/{}", 0, 10_001)))
+    assert "it has 10003 files, above the limit of 10000" in text
+    monkeypatch.setattr(shutil, "disk_usage", lambda place: SimpleNamespace(free=1 << 20))
+    text = str(refusal(Fmu, padded(spring, large, "resources/map.bin", (2 << 20) - 100_000)))
+    assert f"it unpacks to 2 MiB, and {folder} has 1 MiB left: free space there, or set" in text
+    gc.collect()
+    assert list(folder.iterdir()) == []
+
+
+def test_a_file_larger_than_its_size_in_the_archive_is_not_unpacked_beyond_it(tmp_path, spring, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    file = Path(padded(spring, tmp_path / "forged.fmu", "resources/map.bin", 5 << 20))
+    file.write_bytes(file.read_bytes().replace((5 << 20).to_bytes(4, "little"), (1 << 20).to_bytes(4, "little")))
+    written = []
+    monkeypatch.setattr(zipfile.ZipFile, "_extract_member", noting(written, zipfile.ZipFile._extract_member))
+    assert "it is not an FMU that can be read: Bad CRC-32 for file 'resources/map.bin'" in str(refusal(Fmu, str(file)))
+    assert 0 < max(written) <= 1 << 20
+
+
+def noting(sizes, extract):
+    """`extract` that notes the size of resources/map.bin, also if it fails."""
+
+    def noted(self, member, target, password):
+        try:
+            return extract(self, member, target, password)
+        finally:
+            path = Path(target, "resources/map.bin")
+            sizes.append(path.stat().st_size if path.exists() else 0)
+
+    return noted
+
+
+def test_a_large_array_of_an_fmu_is_no_port(tmp_path, vectors):
+    large = FMI3.replace('unit="rad"><Dimension start="2"', 'unit="rad"><Dimension start="300000000"')
+    file = fmus.repack(vectors, tmp_path / "large.fmu", large)
+    text = str(refusal(Fmu, file))
+    assert "results is an array of the shape (300000000,), and a port has at most 10000 elements" in text
+    assert "list other outputs in gives" in text
 
 
 @pytest.mark.parametrize("words", MISTAKES)
