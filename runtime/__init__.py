@@ -139,7 +139,8 @@ def run(
     Ctrl-C ends the run in the main thread and raises KeyboardInterrupt, whose text is the place of the recording. A
     program that does not catch it ends with that in one line instead of a traceback, and with the exit code 130 of a
     shell. This holds for every function of this module, and within `with` of `simulate` and `connect`. In another
-    thread, the run continues to its end.
+    thread, the run continues to its end, however often Ctrl-C is pressed: give it a duration. One in real time is
+    stopped from another shell by `python -m runtime set PID --stop`, and by the end of this process.
     """
     with _CheckedImports():
         from runtime.host.errors import BadInput

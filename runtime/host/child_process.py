@@ -127,10 +127,21 @@ class ChildProcess:
     def _threads(self) -> Iterable[int]:
         return map(int, os.listdir(f"/proc/{self.pid}/task"))
 
-    def _send(self, order: bytes) -> None:
-        """Write bytes to the standard input of the child. Raises BrokenPipeError if it has ended."""
-        self._orders.write(order)
-        self._orders.flush()
+    def _send(self, order: bytes, timeout: float | None = None) -> None:
+        """Write bytes to the standard input of the child.
+
+        timeout : s; None waits as long as the child does not read. Raises BrokenPipeError if it has ended, TimeoutError
+        """
+        pipe, left = self._orders.fileno(), memoryview(order)
+        deadline = None if timeout is None else time.monotonic() + timeout
+        writable = select.poll()
+        writable.register(pipe, select.POLLOUT)
+        os.set_blocking(pipe, False)
+        while left:
+            wait = None if deadline is None else max(0.0, deadline - time.monotonic()) * 1e3
+            if not writable.poll(wait):
+                raise TimeoutError
+            left = left[os.write(pipe, left) :]
 
     def _answer(self, timeout: float) -> Any:
         """Return the next line of JSON; None if the child ended without one. Raises TimeoutError."""

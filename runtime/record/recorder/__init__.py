@@ -107,16 +107,21 @@ class RecorderProcess(ChildProcess):
             for sink in plan["sinks"]
         ]
         self._planned = True
+        with suppress(OSError):
+            os.killpg(self.pid, signal.SIGCONT)  # the diagram file may have stopped its child processes
         surroundings = {"folder": working_folder(), "path": import_path(), "environment": dict(os.environ)}
         order = json.dumps({**plan, "sinks": sinks, "surroundings": surroundings}).encode() + b"\n"
         try:
-            self._send(order)
+            self._send(order, READY_TIMEOUT)
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
         except TimeoutError:
             self.abandon()
-            raise RecorderError(f"the recorder process was not ready within {READY_TIMEOUT:g} s") from None
+            raise RecorderError(
+                f"the recorder process was not ready within {READY_TIMEOUT:g} s: a debugger or the diagram has stopped "
+                "it, or the disk is slow. Remove what stops child processes, or record to another disk with --record"
+            ) from None
         if answer is None:
             how = self._end()
             raise RecorderError(f"the recorder process ended before it was ready ({how})")
@@ -128,14 +133,17 @@ class RecorderProcess(ChildProcess):
     @property
     def usable(self) -> bool:
         """Whether it waits for its plan. Code of this process may have ended it, closed its descriptors, or forked."""
-        return (
-            os.getpid() == self._owner and self.connected and self.alive and identity(self.memory) == self._memory_file
-        )
+        return self._is_own and self.connected and self.alive and identity(self.memory) == self._memory_file
 
     def dismiss(self) -> None:
         """End the process if it has received no plan, unless this is a fork of its owner."""
-        if not self._planned and os.getpid() == self._owner:
+        if not self._planned and self._is_own:
             self.abandon()
+
+    @property
+    def _is_own(self) -> bool:
+        """Whether this process started it: a fork of that process did not."""
+        return os.getpid() == self._owner
 
     @property
     def alive(self) -> bool:
@@ -191,8 +199,8 @@ class RecorderProcess(ChildProcess):
             return
         if not self._planned:  # no file was created yet
             self._child.kill()
-        with suppress(OSError):  # it has ended already
-            self._send(b"abandon\n")
+        with suppress(OSError):  # it has ended already, or does not read
+            self._send(b"abandon\n", 0.0)
         with suppress(OSError):
             os.killpg(self.pid, signal.SIGTERM)  # while it opens files it reads no order
         self._end(ABANDON_TIMEOUT)

@@ -523,3 +523,24 @@ def test_no_descriptor_and_no_process_remains_after_a_run(tmp_path):
     for _ in range(3):
         once()
     assert not open_files() - before and psutil.Process().children() == children
+
+
+def test_a_recorder_that_the_diagram_has_stopped_continues_with_a_plan_larger_than_a_pipe(tmp_path):
+    recorder = RecorderProcess()
+    os.kill(recorder.pid, signal.SIGSTOP)
+    shared = SharedState(1 << 20, empty=recorder.memory)
+    many = columns(*(f"a_source_with_a_long_name_{number}.y m" for number in range(1000)))
+    recorder.configure(plan(tmp_path, sink(CSV, "csv", many, file="", signals="")))
+    shared.close()
+    assert recorder.finish()["problems"] == []
+
+
+def test_a_recorder_that_stays_stopped_ends_the_run_within_a_bound(tmp_path, monkeypatch):
+    recorder, killpg = RecorderProcess(), os.killpg
+    os.kill(recorder.pid, signal.SIGSTOP)
+    monkeypatch.setattr(os, "killpg", lambda group, number: number == signal.SIGCONT or killpg(group, number))
+    monkeypatch.setattr("runtime.record.recorder.READY_TIMEOUT", 0.3)
+    many = columns(*(f"a_source_with_a_long_name_{number}.y m" for number in range(1000)))
+    with pytest.raises(RecorderError, match="not ready within 0.3 s: a debugger or the diagram has stopped it"):
+        recorder.configure(plan(tmp_path, sink(CSV, "csv", many, file="", signals="")))
+    assert not recorder.alive and list(tmp_path.iterdir()) == []
