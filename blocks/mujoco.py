@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from blocks._plumbing.mjcf_size import check_size
 from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import port_name
 from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
@@ -84,6 +85,7 @@ class MujocoBody(Block):
         self.file = str(path_beside(self.location, self.file))
         self.mujoco = mujoco = library()
         try:
+            check_size(Path(self.file))
             self.model = mujoco.MjModel.from_xml_path(self.file)
         except ValueError as error:
             raise ValueError(f"{self.file}: {str(error).removeprefix('Error: ')}") from None

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from blocks._plumbing.mjcf_size import check_size
 from blocks.mujoco import library
 
 KINDS = {"revolute": False, "continuous": False, "prismatic": True}  # of joints in URDF that move: whether they slide
@@ -72,6 +73,7 @@ def bodies_of(path: Path) -> list[Body]:
 def bodies_of_mjcf(path: Path) -> list[Body]:
     """Return the bodies of an MJCF file in its reference pose, as MuJoCo compiles it. Raises ValueError."""
     mujoco = library()
+    check_size(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:

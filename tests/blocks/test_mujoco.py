@@ -13,6 +13,7 @@ from matplotlib.image import imread
 from PIL import Image, ImageSequence
 
 import runtime
+from blocks.inverse_dynamics import InverseDynamics
 from blocks.mujoco import MujocoBody
 from blocks.sources import Sine
 from cext.kernels.mujoco import IN_USE, UNSTABLE
@@ -250,3 +251,29 @@ def test_the_video_of_the_page_shows_the_moving_leg(tmp_path):
         frames = [np.array(frame.convert("RGB"), float) for frame in ImageSequence.Iterator(video)]
     changes = [(np.abs(one - other).max(axis=2) > 40.0).mean() for one, other in zip(frames, frames[1:])]
     assert len(frames) in (50, 51) and 0.001 < max(changes) < 0.2  # the shank moves, the rest does not
+
+
+LARGE = {
+    "make 90000 copies, above the limit of 10000: reduce their count": (
+        '<worldbody><replicate count="300"><replicate count="300"><body><geom size="1"/></body></replicate></replicate>'
+        "</worldbody>"
+    ),
+    "the hfield 'ground' has 900000000 points, above the limit of 10000000: reduce nrow and ncol": (
+        '<asset><hfield name="ground" nrow="30000" ncol="30000" size="1 1 1 1"/></asset>'
+    ),
+}
+
+
+@pytest.mark.parametrize("words", LARGE)
+def test_a_few_lines_that_describe_a_huge_model_are_refused(tmp_path, monkeypatch, words):
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_path", lambda path: pytest.fail("it is compiled"))
+    (tmp_path / "large.xml").write_text(f"<mujoco>{LARGE[words]}</mujoco>")
+    for block in (MujocoBody, InverseDynamics):
+        assert words in str(refusal(block, str(tmp_path / "large.xml")))
+
+
+def test_copies_within_the_limit_are_compiled(tmp_path):
+    (tmp_path / "small.xml").write_text(
+        '<mujoco><worldbody><replicate count="3"><body><joint/><geom size="1"/></body></replicate></worldbody></mujoco>'
+    )
+    assert MujocoBody(str(tmp_path / "small.xml")).model.nbody == 4

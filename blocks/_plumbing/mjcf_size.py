@@ -1,0 +1,44 @@
+"""Size of the model that an MJCF file describes, before MuJoCo compiles it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+COPIES_LIMIT = 10_000  # of bodies and other elements, by <replicate>, <composite> and <flexcomp>
+HEIGHTS_LIMIT = 10_000_000  # points of a height field without a file
+COPYING = ("replicate", "composite", "flexcomp")
+
+
+def check_size(path: Path) -> None:
+    """Raise ValueError for a file of a few lines that describes a model of any size. Included files are not read."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError:  # MuJoCo names the error
+        return
+    if (copies := copies_in(root)) > COPIES_LIMIT:
+        raise ValueError(
+            f"its elements {', '.join(f'<{tag}>' for tag in COPYING)} make {copies} copies, above the limit of "
+            f"{COPIES_LIMIT}: reduce their count"
+        )
+    for field in root.iter("hfield"):
+        if (points := counted(field.get("nrow", "0")) * counted(field.get("ncol", "0"))) > HEIGHTS_LIMIT:
+            raise ValueError(
+                f"the hfield {field.get('name', '')!r} has {points} points, above the limit of {HEIGHTS_LIMIT}: reduce "
+                "nrow and ncol"
+            )
+
+
+def copies_in(element: ElementTree.Element) -> int:
+    """Return the number of copies that an element makes of others, also nested."""
+    inside = sum(map(copies_in, element))
+    return counted(element.get("count", "1")) * max(1, inside) if element.tag in COPYING else inside
+
+
+def counted(text: str) -> int:
+    """Return the product of the whole numbers in an attribute; 1 where MuJoCo will reject them."""
+    try:
+        return math.prod(int(word) for word in text.split())
+    except ValueError:
+        return 1
