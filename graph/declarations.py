@@ -345,7 +345,7 @@ class Param(Declaration, Generic[T]):
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
         value = self.in_unit(value)
-        if isinstance(value, str) and self.numeric:
+        if self.numeric and (isinstance(value, (str, bytes)) or np.iscomplexobj(value)):
             raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.numeric and np.ndim(value):
             raise ValueError(f"expected one number, got {repr_of(value)}")
@@ -354,7 +354,10 @@ class Param(Declaration, Generic[T]):
         if self.dtype is str and not isinstance(value, str):
             raise ValueError(f"expected text, got {repr_of(value)}")
         if self.numeric:
-            value = self.dtype(value)
+            try:
+                value = self.dtype(value)
+            except TypeError:
+                raise ValueError(f"expected a number, got {repr_of(value)}") from None
             if value != value:
                 raise ValueError("NaN is not allowed")
             unit = "" if self.unit in (units.ONE, units.ANY) else f" {self.unit}"

@@ -45,7 +45,10 @@ class ReceivedStream(StreamDevice):
             raise ValueError(f'channels must contain 1 to {CHANNELS_LIMIT} channels, as in channels=(("emg", "mV"),)')
         for number, each in enumerate(self.channels, 1):
             if not is_row(each) or not 2 <= len(each) <= 3 or not all(isinstance(text, str) for text in each):
-                raise ValueError(f"channel {number} must be (name, unit) or (name, unit, label), got {each!r}")
+                raise ValueError(
+                    f'channel {number} must be (name, unit) or (name, unit, label), as in channels=(("emg", "mV"),) '
+                    f"with a comma after a single one, got {each!r}"
+                )
         own = type(self).outputs
         taken = {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES}
         self.fields = tuple((name, "float64", unit) for name, unit, *_ in self.channels) + self.clocks

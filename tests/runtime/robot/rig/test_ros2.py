@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import runtime
+from blocks.sensors import Ros2Subscription
 from runtime.host.ros2_messages import JOINT_STATE, encode
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.ros2_line import open_line
 from runtime.robot.rig.ros2_receiver import Messages
+from tests.graph.complaints import refusal
 from tests.runtime.ros2 import NUMBERS, attachment, router
 from tests.runtime.runs import write
 
@@ -124,3 +126,9 @@ def test_quantities_of_a_joint_state_are_selected_by_the_name_of_the_joint(lines
     messages.take(encode(JOINT_STATE, (header, ["left.hip"], [1.0], [], [3.0])), attachment(2))
     messages.take(encode(JOINT_STATE, (header, ["left.hip", "knee"], [1.0, 2.0], [], [3.0])), attachment(3))
     assert passed() == [(1, [4.0, 1.0])]
+
+
+def test_a_single_channel_without_its_comma_is_an_error_with_an_example():
+    found = str(refusal(Ros2Subscription, channels=("torque", "N·m")))
+    assert "channel 1 must be (name, unit) or" in found
+    assert 'channels=(("emg", "mV"),) with a comma after a single one, got \'torque\'' in found
