@@ -244,12 +244,19 @@ install() {
     stop "pip failed (complete output in $$log)"
 }
 
-# Start to fetch the wheels of an extra: beside the compiler, with uv, in a tenth of pip's time. `install` then installs what is
-# still missing, which is everything where there is no uv, or where pip's settings name another index.
+# Start to install Tickwork with an extra and pytest: beside the compiler, with uv, in a tenth of pip's time. The modules are
+# those that the compiler writes. `install_tickwork` does it where there is no uv, or where pip's settings name another index.
 fetch() {
     if [ -x $(VENV)/bin/uv ] && ! $(VENV)/bin/python -m pip config list | grep -qE '[.](index-url|no-index)='; then
-        $(VENV)/bin/uv pip install --python $(VENV)/bin/python --only-binary :all: -r pyproject.toml --extra "$$1" pytest
+        touch $(VENV)/fetched.start
+        TICKWORK_MODULES=none $(VENV)/bin/uv pip install --python $(VENV)/bin/python --only-binary :all: --no-build-isolation \
+            -e ".[$$1]" pytest
+        mv $(VENV)/fetched.start $(VENV)/fetched-$$1
     fi >$(VENV)/uv.log 2>&1 &
+}
+
+install_tickwork() {
+    [ $(VENV)/fetched-$$1 -nt pyproject.toml ] || install --no-build-isolation -e ".[$$1]" pytest
 }
 
 # Compile the libraries that a run imports to bytecode, even if PYTHONDONTWRITEBYTECODE is set; otherwise every start would.
@@ -311,7 +318,7 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork with what its documentation uses: the extra 'all', and pytest"
-	(install --no-build-isolation -e '.[all]' pytest) || {
+	(install_tickwork all) || {
 	    say "without them: networks, tables, Rerun and studies with Dask need $(VENV)/bin/pip install -e '.[all]'"
 	    install --no-build-isolation -e .
 	}
@@ -333,22 +340,23 @@ $(VENV)/packages: | $(VENV)/made
 # Stubs are for editors and type checkers: git ignores them, wheels contain them.
 $(VENV)/stubs: $(STUBBED) $(SOURCES) $(VENV)/built | $(VENV)/installed $(VENV)/packages
 	touch $@.start
-	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
+	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py & blocks=$$!
 	$(VENV)/bin/python -m cext.stubs
+	wait $$blocks
 	mv $@.start $@
 
 $(VENV)/installed-docs: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork, its requirements and those of its site"
-	install --no-build-isolation -e '.[docs]'
+	install_tickwork docs
 	mv $@.start $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork, its requirements and those of its tests"
-	install --no-build-isolation -e '.[test]'
+	install_tickwork test
 	compile_imports
 	for other in installed installed-docs; do cp -p $@.start $(VENV)/$$other; done
 	mv $@.start $@

@@ -1,5 +1,6 @@
 """Build the extension modules: one for each .pyx file in cext. All other metadata is in pyproject.toml."""
 
+import gc
 import os
 import runpy
 from pathlib import Path
@@ -44,6 +45,7 @@ class BuildNative(build_ext):
             self.build_lib, self.build_temp = build.build_platlib, build.build_temp
 
     def run(self):
+        gc.set_threshold(100_000, 20, 100)  # for Cython and its processes, which spend a quarter of their time in it
         try:
             translated = cythonize(
                 self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES
@@ -56,19 +58,23 @@ class BuildNative(build_ext):
         super().run()
 
 
+def extensions():
+    """Return the Extension of each module."""
+    if os.environ.get("TICKWORK_MODULES") == "none":  # the Makefile compiles them in the checkout at the same time
+        return []
+    return [
+        Extension(
+            ".".join(source.with_suffix("").parts),
+            [str(source)],
+            depends=["setup.py"],
+            define_macros=[("TICKWORK_SOURCES", f'"{hash_of(source.absolute())}"')],
+            extra_compile_args=FLAGS,
+            extra_link_args=["-s"] if STRIPPED else [],
+            libraries=["m"],
+        )
+        for source in sorted(Path("cext").rglob("*.pyx"))
+    ]
+
+
 if __name__ == "__main__":
-    setup(
-        cmdclass={"build_ext": BuildNative},
-        ext_modules=[
-            Extension(
-                ".".join(source.with_suffix("").parts),
-                [str(source)],
-                depends=["setup.py"],
-                define_macros=[("TICKWORK_SOURCES", f'"{hash_of(source.absolute())}"')],
-                extra_compile_args=FLAGS,
-                extra_link_args=["-s"] if STRIPPED else [],
-                libraries=["m"],
-            )
-            for source in sorted(Path("cext").rglob("*.pyx"))
-        ],
-    )
+    setup(cmdclass={"build_ext": BuildNative}, ext_modules=extensions())
