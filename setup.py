@@ -1,10 +1,13 @@
-"""Build the extension modules: one for each .pyx file in cext. All other metadata is in pyproject.toml."""
+"""Build the extension modules: one for each .pyx file in cext, and one that has what Cython would write into each of
+them. All other metadata is in pyproject.toml.
+"""
 
 import gc
 import os
 import runpy
 from pathlib import Path
 
+import Cython
 from Cython.Build import cythonize
 from Cython.Compiler.Errors import CompileError
 from setuptools import Extension, setup
@@ -20,6 +23,9 @@ if "-O" not in CFLAGS:
 STRIPPED = not any(flag.startswith("-g") for flag in CFLAGS.split())
 if STRIPPED:
     FLAGS.append("-g0")
+
+# Up to Cython 3.2 only the code of memory views can be shared.
+SHARED = "cext.cython_shared" if tuple(map(int, Cython.__version__.split(".")[:2])) >= (3, 3) else None
 
 # The machine code of fused schedules is for kernels with these sources.
 hash_of = runpy.run_path(str(Path(__file__).parent / "cext" / "fused" / "sources.py"))["hash_of"]
@@ -48,7 +54,11 @@ class BuildNative(build_ext):
         gc.set_threshold(100_000, 20, 100)  # for Cython and its processes, which spend a quarter of their time in it
         try:
             translated = cythonize(
-                self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES
+                self.extensions,
+                nthreads=self.parallel,
+                language_level=3,
+                compiler_directives=DIRECTIVES,
+                shared_utility_qualified_name=SHARED,
             )
         except CompileError as error:  # the compiler has printed the errors
             raise SystemExit(f"Cython finds errors in {error}") from None
@@ -58,19 +68,28 @@ class BuildNative(build_ext):
         super().run()
 
 
+def extension(name, source, **options):
+    """Return the Extension of a source, with the options of all."""
+    return Extension(
+        name,
+        [source],
+        depends=["setup.py"],
+        extra_compile_args=FLAGS,
+        extra_link_args=["-s"] if STRIPPED else [],
+        libraries=["m"],
+        **options,
+    )
+
+
 def extensions():
     """Return the Extension of each module."""
     if os.environ.get("TICKWORK_MODULES") == "none":  # the Makefile compiles them in the checkout at the same time
         return []
-    return [
-        Extension(
+    return [extension(SHARED, SHARED.replace(".", "/") + ".c")] * bool(SHARED) + [
+        extension(
             ".".join(source.with_suffix("").parts),
-            [str(source)],
-            depends=["setup.py"],
+            str(source),
             define_macros=[("TICKWORK_SOURCES", f'"{hash_of(source.absolute())}"')],
-            extra_compile_args=FLAGS,
-            extra_link_args=["-s"] if STRIPPED else [],
-            libraries=["m"],
         )
         for source in sorted(Path("cext").rglob("*.pyx"))
     ]

@@ -51,7 +51,7 @@ def sources(suffix):
 def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
     names = {name for name in archives[0] if ".dist-info/" not in name}
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
-    assert compiled == sources(".pyx")
+    assert compiled - {"cext/cython_shared.pyx"} == sources(".pyx")  # only Cython 3.3 and later makes this one
     beside = {
         str(name)
         for path in tracked()

@@ -101,8 +101,9 @@ def synchronize(target):
                 shutil.copyfile(path, copy)
     for path in list(target.rglob("*")):
         if path.is_file() and path not in wanted and "build" not in path.relative_to(target).parts:
-            source = path.with_name(path.name.split(".")[0] + ".pyx")
-            if path.suffix not in BUILT or source not in wanted:
+            name = path.name.split(".")[0]
+            made = path.with_name(f"{name}.pyx") in wanted or name == "cython_shared"
+            if path.suffix not in BUILT or not made:
                 path.unlink()
 
 
