@@ -143,9 +143,10 @@ class Bridge:
         self.add(path, IMU, fixed, numbers)
 
     def run(self) -> None:
-        """Publish until the recorder has ended."""
-        decimation, wait = self.plan["decimation"], IDLE_PERIOD
-        while self.take_events(wait):
+        """Publish until the recorder has ended, and then the rows that were written meanwhile."""
+        decimation, wait, recorded = self.plan["decimation"], IDLE_PERIOD, True
+        while recorded:
+            recorded = self.take_events(wait)
             if self.newest.look():
                 for data in self.newest.rows:
                     row = self.unpack(data)

@@ -2,13 +2,17 @@
 
 import os
 import signal
+import socket
 import time
+from struct import Struct
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import runtime
+from cext.memory.shared_state import RECORD_ROW, SharedState
+from cext.recording.newest_row import NewestRow
 from runtime.record.recorder.ros2_bridge import IDLE_PERIOD, LOOK_PERIOD, Bridge
 from tests.runtime.ros2 import DIAGNOSTICS, IMU, JOINT_STATE, router
 from tests.runtime.runs import descendant, started, write
@@ -113,6 +117,23 @@ def test_the_bridge_sleeps_until_the_next_published_tick_is_due_and_then_looks_o
     assert bridge.wait(180) == IDLE_PERIOD  # no row for a tenth of a second
     bridge.shared.state = "stopping"
     assert bridge.wait(201) == IDLE_PERIOD
+
+
+def test_rows_that_the_bridge_has_not_read_when_the_recorder_ends_are_published():
+    shared, published = SharedState(4096), []
+    theirs, ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    bridge = object.__new__(Bridge)
+    bridge.plan, bridge.shared, bridge.events, bridge.last = {"decimation": 1, "rate": 200.0}, shared, ours, None
+    bridge.newest, bridge.unpack = NewestRow(shared, 1), Struct("<3d").unpack
+    bridge.newest.keeps = True
+    bridge.node = SimpleNamespace(close=lambda: None)
+    bridge.publish, bridge.tell = published.append, lambda: published.append("end")
+    for tick in range(3):
+        shared.push(RECORD_ROW, Struct("<3d").pack(tick, 0.0, 0.5))
+    theirs.close()
+    with ours:
+        bridge.run()
+    assert published == [(0.0, 0.0, 0.5), (1.0, 0.0, 0.5), (2.0, 0.0, 0.5), "end"]
 
 
 @pytest.mark.paced
