@@ -13,16 +13,17 @@ from tests.runtime.setup.commissioning.test_driven import HEALTHY, LEVER, Hangin
 from tests.soaking import soaked
 
 
-def carried_out(block, friction=0.0, known=math.inf, **faults):
+def carried_out(block, friction=0.0, known=math.inf, start=0.0, **faults):
     """(Result of the step, largest torque) of an emulated drive.
 
     friction : of the rated torque; known : the same, as the step `torque` has measured it
+    start : rad, where the lever begins to hang; friction leaves it beside its balance
     """
     moment = 1.2 * driven.USED_SHARE * driven.rated_of(block) / driven.STEEPEST / driven.GRAVITY
     lever = driven.Lever(moment / LEVER, LEVER)
     robot, probe = law.law_diagram(block, lever)
     with Diagram("plant", rate=2000) as plant:
-        arm = Hanging(moment=moment, length=LEVER, friction=friction * driven.rated_of(block))
+        arm = Hanging(moment=moment, length=LEVER, start=start, friction=friction * driven.rated_of(block))
         drive = robot["joint"].emulator(name="drive", **faults)
         arm(drive.torque)
         drive(position=arm.position, velocity=arm.velocity)
@@ -68,6 +69,15 @@ def test_another_encoded_gain_is_named_before_5_percent_of_rated(fault):
 def test_friction_is_not_taken_for_another_encoded_gain(friction, known):
     result, _ = carried_out(block_of(*HEALTHY["MIT mode"]), friction, known)
     assert not result.findings and not result.done and "friction" in result.says[-1], result
+
+
+@pytest.mark.hazard("H4i")
+@pytest.mark.parametrize("start", [-0.3, -0.15, 0.15, 0.3])
+@pytest.mark.parametrize("friction", [0.01, 0.02, 0.035])
+def test_friction_that_holds_a_lever_beside_its_balance_is_not_taken_for_another_encoded_gain(friction, start):
+    """The step before leaves it there, on either side."""
+    result, _ = carried_out(block_of(*HEALTHY["MIT mode"]), friction, friction, start)
+    assert not result.findings, result
 
 
 def test_a_gain_of_a_tenth_is_named_beside_friction_that_is_known():
