@@ -37,6 +37,7 @@ cdef class Arming:
     cdef int64_t pressed         # ns, from when on it was active; -1 while it is not
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
+    cdef int64_t grace           # ns of a pause of all processes that the run tolerates at least
     cdef int64_t stall           # ns, a delay of this length stops simulated time
     cdef readonly int64_t stalled    # grid points of real time at which simulated time stood still
     cdef int64_t signals_kept    # acquisitions of the GIL at the last installation of the signal handlers

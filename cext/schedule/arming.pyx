@@ -22,8 +22,7 @@ from cext.clock.deadline_clock cimport clock, monotonic, suspended_time
 from cext.memory.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport (
-    ARM_HOLD, LOOP_STALL_PERIODS, NOTHING_TO_STOP, PAUSE_LIMIT, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM,
-    ZERO_LIMIT)
+    ARM_HOLD, LOOP_STALL_PERIODS, PAUSE_LIMIT, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT)
 
 
 cdef class Arming:
@@ -41,9 +40,7 @@ cdef class Arming:
         self.layout.asleep = suspended_time()
         self.layout.paused = self.layout.pause_limit = 0
         if self.publisher.guard > 0 and not self.virtual:
-            self.layout.pause_limit = max(LOOP_STALL_PERIODS * self.clock.period, <int64_t>PAUSE_LIMIT)
-            if self.publisher.guard == NOTHING_TO_STOP:
-                self.layout.pause_limit = max(self.layout.pause_limit, NOTHING_TO_STOP)
+            self.layout.pause_limit = max(LOOP_STALL_PERIODS * self.clock.period, <int64_t>PAUSE_LIMIT, self.grace)
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:

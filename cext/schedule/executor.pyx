@@ -72,6 +72,8 @@ cdef class Executor(Waiting):
     replay : ReplayClock of a recorded run, whose ticks are repeated in virtual time with their lateness
     guard : s of the guardian's silence that end the run; no other node may then command the devices, and in real time a
         watchdog checks for blocks that hang. 0 without a guardian
+    grace : s of a delay that the run tolerates at least, where nothing must be stopped: all of it of a pause of every
+        process, half of it of a step. 0 for the ordinary limits
     carried : whether the guardian carries the frames of any bus: after its death, the safe stop is one round here, and
         the caller continues it
     others : processors of the watchdog; by default those of the thread that runs
@@ -99,17 +101,17 @@ cdef class Executor(Waiting):
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState shared=None,
         bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock replay=None,
-                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None,
-                 bint waits=False, bint pages=False, double fade_out=0.0, int64_t ends_at=-1):
-        self.hosted, self.fade_out, self.ends_at = hosted, fade_out, ends_at
+                 double guard=0.0, double grace=0.0, bint carried=False, others=(), rows=None, bint hosted=False,
+                 drain=None, bint waits=False, bint pages=False, double fade_out=0.0, int64_t ends_at=-1):
+        self.hosted, self.fade_out, self.ends_at, self.grace = hosted, fade_out, ends_at, round(grace * 1e9)
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.clock = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
         self.publisher = Publisher(shared, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain,
             plant, pages and not virtual)
         self.body = TickBody(control, plant, substeps, self.clock, self.publisher, not virtual, profile)
-        self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, guard > 0.0 and not virtual,
-            others)
+        self.watchdog = Watchdog(control, self.publisher, self.signals, self.clock.period, self.grace,
+            guard > 0.0 and not virtual, others)
         self.body.handover = self.watchdog.handover
         self.items = "".join(f"{name}\n" for name in names(control.schedule)).encode()
         self.python = python_steps(control.schedule)

@@ -39,7 +39,7 @@ from cext.schedule.handover cimport LOOP, take_over
 from cext.threads cimport be_called, doze, start_thread, wake
 from cext.safety.thresholds cimport (
     BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED,
-    LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, NOTHING_TO_STOP, STOP_LIMIT, STOP_ROUND,
+    LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_LIMIT, STOP_ROUND,
 )
 
 cdef size_t STACK = 256 << 10           # bytes
@@ -57,19 +57,20 @@ cdef class Watchdog:
 
     program : Program whose ticks are watched, and whose devices are stopped
     period : ns
+    grace : ns of a delay that the run tolerates at least. A tick may work for half of it: earlier than the guardian
     wanted : whether to watch at all
     processors : processors of the thread; those of the loop if empty
     """
 
-    def __init__(self, Program program, Publisher publisher, Signals signals, int64_t period, bint wanted, processors):
+    def __init__(self, Program program, Publisher publisher, Signals signals, int64_t period, int64_t grace,
+                 bint wanted, processors):
         CPU_ZERO(&self.processors)
         for number in processors:
             CPU_SET(number, &self.processors)
         self.program, self.publisher, self.caught = program, publisher, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
-        if publisher.guard == NOTHING_TO_STOP:                          # earlier than the guardian
-            self.limit = max(self.limit, NOTHING_TO_STOP // 2)
+        self.limit = max(self.limit, grace // 2)
         self.handover = &self.shared if wanted else NULL
         program.hand_over(self.handover)
 

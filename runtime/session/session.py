@@ -156,6 +156,7 @@ class Session:
             spin=request.spin,
             profile=request.profile,
             guard=rig.guardian_silence if rig is not None else 0.0,
+            grace=rig.grace if rig is not None else 0.0,
             carried=rig is not None and rig.carries,
             others=aside,
             waits=rig is None and self.prepared.plant is not None,

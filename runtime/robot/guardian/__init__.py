@@ -34,7 +34,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from cext.clock.stopwatch import names
-from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, NOTHING_TO_STOP
+from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.host.child_process import ChildProcess
 from runtime.host.console.terminal import StopMessages
 from runtime.host.descriptors import Descriptors, SpareDescriptors
@@ -311,11 +311,7 @@ def _ending(code: int) -> str:
 
 
 def plan(
-    buses: list[PlanBus],
-    schedule: Schedule,
-    priority: int | None,
-    relays: Sequence[PlanRelay] = (),
-    commands: bool = True,
+    buses: list[PlanBus], schedule: Schedule, priority: int | None, relays: Sequence[PlanRelay] = (), grace: float = 0.0
 ) -> Plan:
     """Return the guardian's plan.
 
@@ -323,7 +319,7 @@ def plan(
     schedule : schedule of the robot on its rig
     priority : SCHED_FIFO priority of the loop, or None
     relays : relays of charge pumps
-    commands : whether the run has an actuator or a relay; otherwise there is nothing to stop
+    grace : s of a delay of the loop that the run tolerates at least
     """
     place = {
         bus: number
@@ -349,7 +345,7 @@ def plan(
         "relays": list(relays),
         "locks": [],
         "items": names(schedule),
-        "limit": max(LOOP_STALL_PERIODS / schedule.rate, (LOOP_STALL_MINIMUM if commands else NOTHING_TO_STOP) * 1e-9),
+        "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9, grace),
         "priority": None if priority is None else priority + 1,
     }
 

@@ -185,14 +185,16 @@ class RigBuses:
         return self.lines is not None
 
     @property
+    def grace(self) -> float:
+        """Time in s of a delay that the run tolerates at least: a measurement outlasts it."""
+        return 0.0 if self.commands else NOTHING_TO_STOP * 1e-9
+
+    @property
     def guardian_silence(self) -> float:
         """Time in s without a check by the guardian after which the loop ends the run.
 
         No other process delays a guardian that has a real-time priority and locked memory; a serial interface may.
-        Without actuators and relays, a measurement outlasts a delay of the computer.
         """
-        if not self.commands:
-            return NOTHING_TO_STOP * 1e-9
         granted = [] if self.guardian is None else self.guardian.granted
         privileged = MEMORY_LOCKED in granted and any(each.startswith(REALTIME) for each in granted)
         prompt = all(
@@ -200,7 +202,7 @@ class RigBuses:
             for name, bus in self.buses.items()
             if self.media[name] == "can"
         )
-        return (GUARDIAN_SILENCE_REALTIME if privileged and prompt else GUARDIAN_SILENCE) * 1e-9
+        return max((GUARDIAN_SILENCE_REALTIME if privileged and prompt else GUARDIAN_SILENCE) * 1e-9, self.grace)
 
     def watch(self, shared: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
         """Start the guardian, which opens the remaining interfaces. Raises RigError.
@@ -237,7 +239,7 @@ class RigBuses:
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
-            self.guardian.configure(guardians_plan(buses, schedule, priority, relays, self.commands))
+            self.guardian.configure(guardians_plan(buses, schedule, priority, relays, self.grace))
         except GuardianError as error:
             problems = [
                 RigProblem(

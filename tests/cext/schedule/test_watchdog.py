@@ -88,7 +88,7 @@ class Slow(Then):
         self.call(tick)
 
 
-def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
+def robot(*laws, rate=RATE, virtual=False, guard=GUARD, grace=0.0):
     """Two knees on buses of their own, each under a law."""
     with Diagram("robot", rate=rate) as diagram:
         for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
@@ -96,7 +96,7 @@ def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
             knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law(side, knee)))
     shared = SharedState(1 << 20)
     shared.look_after(time.monotonic_ns())
-    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, shared=shared, guard=guard)
+    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, shared=shared, guard=guard, grace=grace)
     rig.called = lambda: min(
         block.called for block in diagram if isinstance(block, Then) and block.path.startswith("left")
     )
@@ -286,6 +286,13 @@ def test_an_allowance_does_not_extend_the_limit_of_other_blocks():
     outcome = robot(law).run(60)
     assert (outcome.status, outcome.culprit) == ("hung", "right_law")
     assert LIMIT <= outcome.hung < Patient.allowance
+
+
+@pytest.mark.parametrize("grace, status", [(0.4, "ok"), (0.06, "hung"), (0.0, "hung")])
+def test_a_step_may_take_half_of_the_grace_of_a_run(grace, status):
+    rig = robot(lambda side, knee: Then(lambda: busy(0.05), name=f"{side}_law")(knee.position), grace=grace)
+    outcome = rig.run(60)
+    assert outcome.status == status and (status == "ok" or outcome.hung >= max(LIMIT, grace / 2))
 
 
 def test_the_guardian_sees_a_step_within_its_allowance_as_alive():
