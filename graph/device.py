@@ -152,9 +152,7 @@ class Device(Block):
         return {}
 
     def enable_frames(self) -> Sequence[Frame]:
-        """Return the frames that enable the device without motion. An actuator gets them only after the confirmation of
-        the operator, and after its settings were read back.
-        """
+        """Return the frames that enable it without motion: of an actuator, after its read-back and the confirmation."""
         return []
 
     def zero_frames(self) -> Sequence[Frame]:
@@ -285,6 +283,11 @@ class Actuator(Device):
     def fault_in_words(self, code: int) -> str:
         """Return the text of a code of its output `fault`."""
         return f"code {code}"
+
+
+def actuators_of(blocks: Iterable[Block]) -> list[Actuator]:
+    """Return the actuators among blocks, such as those of a Diagram."""
+    return [block for block in blocks if isinstance(block, Actuator)]
 
 
 def plain_attributes(block: Block) -> dict[str, Any]:

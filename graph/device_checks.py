@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from graph import hints
 from graph.budget import bus_loads, line_loads, spi_loads
 from graph.compilation import Compilation
-from graph.device import Actuator, Device
+from graph.device import Actuator, Device, actuators_of
 from graph.names import suggestion
 from graph.signal import Signal
 
@@ -26,7 +26,7 @@ def apply_caps(compilation: Compilation) -> None:
     is commanded and measured.
     """
     given = compilation.diagram.caps
-    for path in given.keys() - {block.path for block in compilation.blocks if isinstance(block, Actuator)}:
+    for path in given.keys() - {block.path for block in actuators_of(compilation.blocks)}:
         compilation.report("TW036", f"{given[path].source} has caps for {path!r}, which is not an actuator")
     for block in compilation.blocks:
         if isinstance(block, Actuator):
@@ -133,7 +133,7 @@ def check_heat(compilation: Compilation) -> None:
 
 def check_relays(compilation: Compilation) -> None:
     """Check that the diagram has the actuators and buses that a relay powers."""
-    actuators = [block for block in compilation.blocks if isinstance(block, Actuator)]
+    actuators = actuators_of(compilation.blocks)
     known = {name for block in actuators for name in (block.path, block.bus)}
     for block in compilation.devices:
         for name in sorted(set(block.protects) - known):

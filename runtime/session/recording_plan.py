@@ -16,6 +16,7 @@ from blocks.recorders import CsvRecorder
 from blocks.states import StateMachine
 from cext.clock.stopwatch import names
 from graph import Actuator, Interval, Signal
+from graph.device import actuators_of
 from graph.store import to_json
 from runtime.host.errors import BadInput
 from runtime.record.recorder import can_ask
@@ -102,8 +103,8 @@ def plan(prepared: Prepared, realtime: Realtime) -> Plan:
         "states": labels,
         "hot": {
             f"{block.path}.temperature": block.fault_temperature
-            for block in prepared.diagram
-            if isinstance(block, Actuator) and isinstance(block, Drive)
+            for block in actuators_of(prepared.diagram)
+            if isinstance(block, Drive)
         },
         "drives": {
             device.name: number
@@ -173,7 +174,7 @@ def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float
     """
     ranges = {}
     proved = {proof.path: proof for proof in schedule.proofs if proof.port == "torque_command" and proof.holds}
-    for actuator in (block for block in diagram if isinstance(block, Actuator)):
+    for actuator in actuators_of(diagram):
         torque = actuator.command_limits().get("torque_command")
         bound = schedule.torque_bounds.get(actuator.path)
         if torque is not None:

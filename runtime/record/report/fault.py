@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cext.safety.suspend import time_suspended, was_paused
 from cext.safety.thresholds import PAGE_SILENCE
 from cext.user_text import last_lines
-from graph import Actuator, Device
-from graph.device import UNIT_EXPECTED
+from graph import Device
+from graph.device import UNIT_EXPECTED, actuators_of
 from graph.signal import Signal
 from runtime.host.system import read
 from runtime.record.report import drive_faults, fault_context, lost_replies
@@ -66,7 +66,7 @@ def explain(result: RunResult) -> list[str]:
 
 def has_actuators(result: RunResult) -> bool:
     """Return whether the robot has actuators, which a fault stops."""
-    return any(isinstance(block, Actuator) for block in result.diagram)
+    return bool(actuators_of(result.diagram))
 
 
 def _when(result: RunResult) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from graph import Actuator
+from graph.device import actuators_of
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def inputs_and_outputs(result: RunResult, block: Block | None, width: int) -> li
 
     Without a block, the tables have the commands and the feedback of all actuators. width : characters of a line
     """
-    blocks = [block] if block is not None else [each for each in result.diagram if isinstance(each, Actuator)]
+    blocks = [block] if block is not None else actuators_of(result.diagram)
     lines: list[str] = []
     for each in blocks:
         sources = [wire.source for wire in result.diagram.wires if wire.block is each]
@@ -92,7 +92,7 @@ def instead(result: RunResult, block: Any) -> str:
 
 def nearby(diagram: Diagram, block: Block | None) -> Iterator[str]:
     """Yield the paths of a block's scalar inputs and outputs; without a block, those of every actuator."""
-    blocks = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
+    blocks = [block] if block is not None else actuators_of(diagram)
     for each in blocks:
         yield from (
             wire.source.path for wire in diagram.wires if wire.block is each and isinstance(wire.source, Signal)
@@ -107,9 +107,7 @@ def actuators(result: RunResult) -> list[str]:
     """Return each actuator's state, last command and last feedback, a line each."""
     lines = []
     schedule, values, inputs = result.schedule, result.control.final, result.control.inputs
-    for block in result.diagram:
-        if not isinstance(block, Actuator):
-            continue
+    for block in actuators_of(result.diagram):
         outputs: dict[str, Any] = {
             name: values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs
         }

@@ -38,8 +38,9 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import asdict
 from msgspec.structs import replace as changed
 
-from graph import Actuator, Caps, DiagramError
+from graph import Caps, DiagramError
 from graph.declarations import LiveBounds
+from graph.device import actuators_of
 from graph.sha256 import sha256
 from graph.units import parse_quantity
 from runtime.host.errors import BadInput
@@ -157,7 +158,7 @@ class Subject:
 
     def caps(self, diagram: Diagram) -> dict[str, Caps]:
         """Return {path: Caps} of the actuators of a diagram: of several that match, the smallest of each quantity."""
-        paths = [block.path for block in diagram if isinstance(block, Actuator)]
+        paths = [block.path for block in actuators_of(diagram)]
         found: dict[str, Caps] = {}
         for name, caps in self.joints.items():
             matching = patterns.matching(name, paths)
@@ -248,7 +249,7 @@ class Subject:
             words += [f"{caps.power:g} W"] * (caps.power < math.inf)
             lines.append(f"{path}: {', '.join(words)}")
         lines += [f"{name}: at most {most:g}" for name, most in self.assistance.items()]
-        missing = [block.path for block in diagram if isinstance(block, Actuator) and block.path not in diagram.caps]
+        missing = [block.path for block in actuators_of(diagram) if block.path not in diagram.caps]
         return lines + [f"without caps: {', '.join(missing)}"] * bool(missing)
 
 

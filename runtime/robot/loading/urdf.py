@@ -25,6 +25,7 @@ from blocks.wearer.body import (
     TRUNK_GYRATION,
 )
 from graph import Actuator, Block, Diagram
+from graph.device import actuators_of
 from runtime.host.errors import BadInput
 from runtime.host.ros2_node import named
 
@@ -45,7 +46,7 @@ def urdf(diagram: Diagram) -> str:
     Raises BadInput if no actuator or sensor has the name of a joint or segment, or two actuators that of one joint.
     """
     joints: dict[tuple[str, str], Block] = {}
-    for place, actuator in members((block for block in diagram if isinstance(block, Actuator)), JOINTS):
+    for place, actuator in members(actuators_of(diagram), JOINTS):
         if (other := joints.setdefault(place, actuator)) is not actuator:
             raise BadInput(f"{other.path} and {actuator.path} are one joint in a URDF: give them different names")
     sensors = list(members(filter(is_inertial, diagram), ("pelvis", "trunk", *LENGTHS)))

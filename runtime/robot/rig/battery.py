@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from graph import Actuator
+from graph.device import actuators_of
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.errors import RigError, RigProblem
 
@@ -96,11 +96,7 @@ def windings(diagram: Diagram, proved: Mapping[str, float] = MappingProxyType({}
 
     proved : {path: N·m}, bounds of the torque that are lower than the limit of the actuator
     """
-    return {
-        block.path: _at(block.winding(), proved.get(block.path, math.inf))
-        for block in diagram
-        if isinstance(block, Actuator)
-    }
+    return {block.path: _at(block.winding(), proved.get(block.path, math.inf)) for block in actuators_of(diagram)}
 
 
 def _at(winding, torque):

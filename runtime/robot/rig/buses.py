@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import GUARDIAN_SILENCE, GUARDIAN_SILENCE_REALTIME, NOTHING_TO_STOP, TX_QUEUE_FULL_LIMIT
-from graph import Actuator, Device, StreamDevice
+from graph import Device, StreamDevice
+from graph.device import actuators_of
 from runtime.host.descriptors import Descriptors
 from runtime.host.machine.probe import Machine
 from runtime.robot.guardian import MEMORY_LOCKED, REALTIME, GuardianError, GuardianProcess, with_flags
@@ -92,7 +93,7 @@ class RigBuses:
         self.lines, self.bell = None, -1
         self.left: dict[str, dict[str, Any]] = {}  # counts of buses that were closed before the end of a stop
         devices = [block for block in robot if isinstance(block, Device)]
-        self.commands = any(isinstance(block, Actuator) or block.relay_time for block in devices)
+        self.commands = bool(actuators_of(devices)) or any(block.relay_time for block in devices)
         self.media = {block.bus: block.medium for block in devices}
         kinds = [rig.buses[name].interface for name in names if self.media[name] == "can"]
         if any(kind not in NATIVE for kind in kinds):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from graph import Actuator
+from graph.device import actuators_of
 from runtime.robot.rig.errors import RigError, RigProblem
 
 if TYPE_CHECKING:
@@ -19,11 +19,8 @@ def require_ranges(rig: RigFile, diagram: Diagram) -> None:
     """
     problems = [
         _problem(block, rig)
-        for block in diagram
-        if isinstance(block, Actuator)
-        and "position" in block.outputs
-        and block.outputs["position"].unit == "rad"
-        and not getattr(block, "range", ())
+        for block in actuators_of(diagram)
+        if "position" in block.outputs and block.outputs["position"].unit == "rad" and not getattr(block, "range", ())
     ]
     if problems:
         raise RigError(rig.path, problems)

@@ -11,7 +11,8 @@ import re
 from typing import TYPE_CHECKING
 
 from cext.safety.thresholds import TRAVEL_MARGIN
-from graph import Actuator, Device
+from graph import Device
+from graph.device import actuators_of
 from graph.signal import Signal
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
@@ -44,9 +45,7 @@ class Poses:
     def __init__(self, diagram: Diagram, schedule: Schedule, stated: Mapping[str, float] | None = None) -> None:
         self.schedule, self.stated, self.refusals = schedule, dict(stated or {}), {}
         self.joints = [
-            block
-            for block in diagram
-            if isinstance(block, Actuator) and getattr(block, "range", ()) and "position" in block.outputs
+            block for block in actuators_of(diagram) if getattr(block, "range", ()) and "position" in block.outputs
         ]
         for block in self.joints:
             self._check_known_pose(block)

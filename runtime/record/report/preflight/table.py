@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.sinks import Panel
 from graph import Actuator
 from graph.caveats import in_words
+from graph.device import actuators_of
 from graph.signal import Signal
 from runtime.host.errors import BadInput
 from runtime.record.report.failure_coverage import coverage
@@ -64,7 +65,7 @@ class Preflight:
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
-        self.unheard = [block.path for block in self.devices if isinstance(block, Actuator) and not block.ask_frames()]
+        self.unheard = [block.path for block in actuators_of(self.devices) if not block.ask_frames()]
 
     def bus(self, name: str, interfaces: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
         """Return the row of a bus: its interface, load (share of the bitrate) and covered failures."""

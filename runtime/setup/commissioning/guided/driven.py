@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from blocks.limiters import Saturation
 from blocks.safety import EmergencyStop
-from graph import Actuator, Device, Diagram
+from graph import Device, Diagram
+from graph.device import actuators_of
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted, raise_if_ended_by_signal
 from runtime.robot.loading.file import compile_diagram
@@ -286,8 +287,7 @@ def run_on_rig(bench: Bench, diagram: Diagram, ticks: int) -> RunResult:
     used = {block.bus for block in diagram if isinstance(block, Device)}
     override(replace(rig, buses={name: bus for name, bus in rig.buses.items() if name in used}), diagram)
     schedule = compile_diagram(bench.file, diagram)
-    armed = any(isinstance(block, Actuator) for block in diagram)
-    request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True, yes=not armed)
+    request = Request(bench.file, rig=bench.rig.path, no_record=True, bench=True, yes=not actuators_of(diagram))
     buses = RigBuses(rig, diagram, schedule.buses)
     run = Session(Prepared(request, diagram, schedule, None, buses, ticks), print_to_stderr).carry_out()
     bench.errors_in_runs.update({name: counts.get("errors", 0) for name, counts in buses.after.items()})
