@@ -15,18 +15,16 @@ A member that cannot be made is left out, with the reason in problems.txt: a dam
 
 from __future__ import annotations
 
-import getpass
 import json
 import os
-import platform
 import re
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from runtime.host.errors import BadInput
 from runtime.host.machine.finding import Wants
@@ -35,17 +33,12 @@ from runtime.host.machine.thermal import thermal
 from runtime.record.analysis.trial import Trial
 from runtime.record.export import candump, csv
 from runtime.record.storage.provenance import versions
+from runtime.robot.rig.records import digest, folder_of, of_text
 from runtime.setup.doctor import examine
-
-if TYPE_CHECKING:
-    pass
+from runtime.setup.doctor.persons import Persons
 
 LAST = 10.0  # s of the end of a recording
 KERNEL_LINES = 400
-PERSONAL = ("trial", "subject", "notes", "note", "operator", "node", "folder", "text")  # keys that are removed
-OTHERS = "REMOVED"
-SHORTEST = 3  # characters of a value that is looked for in other texts
-HOMES = re.compile(r"/(?:home|Users)/[^/\s\"':,;)]+")
 
 
 class Bundle:
@@ -54,94 +47,74 @@ class Bundle:
     path : path of a .mcap file, which may be damaged
     seconds : s of the end of the recording
 
-    members : {name: content}; problems : reasons why a member is missing; removed : what was removed, as text
+    members : {name: content}; problems : reasons why a member is missing; persons : Persons, whose names are removed
     """
 
     def __init__(self, path: Path, seconds: float = LAST, machine: Machine | None = None) -> None:
         self.path, self.seconds, self.machine = path, seconds, machine or Machine()
         self.members: dict[str, str] = {}
         self.problems: list[str] = []
-        self.removed: list[str] = []
         self.trial: Trial | None = None
         self.about = self._about()
-        self.words = self._words()
+        self.persons = Persons(self.about, self._names())
         for name, make in self._makers().items():
             try:
                 content = make()
             except Exception as error:  # the archive is for what is out of order
-                self.problems.append(f"{name}: {type(error).__name__}: {error}")
+                self._problem(f"{name}: {type(error).__name__}: {error}")
                 continue
             if content:
-                self.members[name] = self.scrub(content)
+                self.members[name] = content
         if self.problems:
-            self.members["problems.txt"] = self.scrub("\n".join(self.problems) + "\n")
+            self.members["problems.txt"] = self.persons.scrub("\n".join(self.problems) + "\n")
+
+    def _problem(self, text: str) -> None:
+        """Note a problem without the name of the recording, which has the fields of its trial."""
+        for ending in (".mcap", ".json"):
+            text = text.replace(str(self.path.with_suffix(ending)), f"recording{ending}")
+        self.problems.append(text)
+
+    def _names(self) -> Iterator[str]:
+        """Yield the names of the diagram: of itself, its buses, its signals and its blocks."""
+        yield from (self.about.get("name") or "", *(self.about.get("buses") or ()))
+        if self.trial is not None:
+            yield from self.trial.signals
+            yield from (block["path"] for block in (self.trial.diagram or {}).get("blocks", ()))
 
     def _about(self) -> dict[str, Any]:
         """Return the metadata of the recording, or of the .json file beside it. Raises BadInput if there is nothing."""
         if not self.path.is_file():
             raise BadInput(f"--bundle {self.path}: no such file: name the .mcap file of a recording")
+        if self.path.suffix != ".mcap":
+            raise BadInput(f"--bundle {self.path}: name the .mcap file of a recording")
         try:
             self.trial = Trial(self.path)
             return self.trial.about
         except BadInput as error:
-            self.problems.append(str(error))
+            self._problem(str(error))
         with suppress(OSError, ValueError):
-            return json.loads(self.path.with_suffix(".json").read_text())
+            about = json.loads(self.path.with_suffix(".json").read_text())
+            if isinstance(about, dict) and isinstance(about.get("metadata"), dict):
+                return about
         return {}
-
-    def _words(self) -> dict[str, str]:
-        """Return {name of the wearer, the operator or the computer: its replacement}, for every member."""
-        metadata = self.about.get("metadata") or {}
-        fields = {**(metadata.get("trial") or {}), "id": (metadata.get("subject") or {}).get("id")}
-        values = [str(value) for value in fields.values() if value]
-        in_names = [re.sub(r"[^\w.-]+", "-", value) for value in values]  # of files
-        words = {value: OTHERS for value in (*values, *in_names) if len(value) >= SHORTEST}
-        hosts = {platform.node(), str((self.about.get("machine") or {}).get("node") or "")} - {"", "localhost"}
-        words |= dict.fromkeys(hosts, "HOST")
-        with suppress(KeyError, OSError):  # an account without a name
-            users = {getpass.getuser(), os.environ.get("SUDO_USER") or "root"} - {"root"}
-            words |= {user: "USER" for user in users if len(user) >= SHORTEST}
-        return words
-
-    def scrub(self, text: str) -> str:
-        """Return a text without names of persons, computers and homes."""
-        home = os.path.expanduser("~")
-        if len(home) > 1:
-            text = text.replace(home + "/", "~/")
-        text = HOMES.sub("~", text)
-        for word, instead in sorted(self.words.items(), key=lambda item: -len(item[0])):
-            text = re.sub(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", instead, text)
-        return text
-
-    def plain(self, value: Any, where: str = "") -> Any:
-        """Return a value of JSON without the keys that are about persons, each of which is noted."""
-        if isinstance(value, Mapping):
-            kept = {}
-            for key, each in value.items():
-                place = f"{where}.{key}".lstrip(".")
-                if key in PERSONAL and isinstance(each, (str, Mapping)) and each:
-                    if key == "subject" and isinstance(each, Mapping):  # the limits of a subject file stay
-                        each = {name: part for name, part in each.items() if name not in ("id", "file")}
-                        kept[key], place = each, f"{place}.id"
-                    self.removed += [place] * (place not in self.removed)
-                else:
-                    kept[key] = self.plain(each, place)
-            return kept
-        return [self.plain(each, where) for each in value] if isinstance(value, list) else value
 
     def _makers(self) -> dict[str, Callable[[], str]]:
         """Return {name of a member: function that makes it}."""
         return {
-            "recording.json": lambda: as_json(self.plain(self._recording())),
-            "events.json": lambda: as_json(self.plain({"events": self._trial().events})["events"]),
+            "recording.json": lambda: self._json(self.persons.without_fields(self._recording())),
+            "events.json": lambda: self._json(self.persons.without_fields({"events": self._trial().events})["events"]),
             "signals.csv": lambda: self._exported(csv.write),
-            "frames.can.log": lambda: self._exported(candump.write) if candump.on_can(self.about) else "",
-            "diagram.json": lambda: as_json(self._trial().diagram) if self._trial().diagram else "",
+            "frames.can.log": lambda: self._exported(candump.write) if candump.on_can(self._trial().about) else "",
+            "diagram.json": lambda: self._json(self._trial().diagram) if self._trial().diagram else "",
             "rig.toml": self._rig,
             "records.toml": self._records,
-            "computer.json": lambda: as_json(computer(self.machine)),
-            "kernel.log": lambda: kernel_log(self.machine),
+            "computer.json": lambda: self._json(computer(self.machine)),
+            "kernel.log": lambda: self.persons.scrub(kernel_log(self.machine)),
         }
+
+    def _json(self, value: Any) -> str:
+        """Return a value as indented JSON, without names of persons."""
+        return json.dumps(self.persons.scrubbed(value), indent=1, ensure_ascii=False, default=str) + "\n"
 
     def _trial(self) -> Trial:
         if self.trial is None:
@@ -165,16 +138,32 @@ class Bundle:
 
     def _rig(self) -> str:
         rig = (self.about.get("metadata") or {}).get("rig") or {}
-        lines = [re.sub(r"\s*#[^\"']*$", "", line) for line in rig.get("text", "").splitlines()]
-        self.removed += ["rig.toml: comments"] * (lines != rig.get("text", "").splitlines())
-        return "".join(f"{line}\n" for line in lines)
+        return self.persons.scrub(self.persons.without_comments(rig.get("text", ""), "rig.toml"))
 
     def _records(self) -> str:
-        rig = ((self.about.get("metadata") or {}).get("rig") or {}).get("file")
-        paths = [] if rig is None else sorted(Path(rig).with_suffix(".records").glob("*.toml"))
-        self.removed += ["records.toml: signed"] * bool(paths)
-        signed = re.compile(r"^signed\b.*$", re.MULTILINE)
-        return "\n".join(f"# {path.name}\n{signed.sub('', path.read_text())}" for path in paths)
+        rig = (self.about.get("metadata") or {}).get("rig") or {}
+        known = rig.get("records") or {}
+        folders = (Path(), *self.path.resolve().parents[:3]) if rig else ()
+        folder = next((found for each in folders if (found := folder_of(each / rig["file"])).is_dir()), None)
+        if folder is None:
+            if known.get("serials"):
+                raise BadInput(f"no folder {folder_of(rig['file'])}: run the command in the folder of the run")
+            return ""
+        records, texts = {}, []
+        for path in sorted(folder.glob("*.toml")):
+            try:
+                record = of_text(path.read_text(encoding="utf-8"), path)
+            except (BadInput, OSError, UnicodeDecodeError) as error:
+                self._problem(f"records.toml: {path.name}: {error}")
+                continue
+            records[record.device] = record
+            texts.append(f"# {path.name}\n{replace(record, signed={}).text()}")
+        if known.get("serials") and digest({path: records[path] for path in known["serials"] if path in records}) != (
+            known.get("sha256")
+        ):
+            texts.insert(0, "# CHANGED since the run: these are not the records that it has read\n")
+        self.persons.removed += ["records.toml: signed, comments"] * bool(records)
+        return self.persons.scrub("\n".join(texts))
 
     def listing(self) -> list[str]:
         """Return lines on every member, and on what was removed."""
@@ -182,13 +171,16 @@ class Bundle:
         lines = [f"  {name:<{width}}  {len(text.encode()):>9,} bytes" for name, text in self.members.items()]
         lines += [f"left out: {problem}" for problem in self.problems]
         everywhere = "in every text: names of computers and accounts, paths of homes, values of these fields"
-        lines += [f"removed: {'; '.join([', '.join(self.removed), everywhere])}"]
+        lines += [f"removed: {'; '.join(filter(None, [', '.join(self.persons.removed), everywhere]))}"]
         if "signals.csv" in self.members:
             lines.append("the signals of a wearer are personal data: ask the wearer before you publish the archive")
         return lines
 
     def write(self, path: Path) -> Path:
-        """Write the archive under this name, or under one with a number if that is taken. Returns the path."""
+        """Write the archive under this name, or under one with a number if that is taken. Returns the path.
+
+        Raises BadInput if the folder takes no file.
+        """
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
             with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
@@ -198,8 +190,13 @@ class Bundle:
                 file.flush()
                 os.fsync(file.fileno())
             return move(part, path)
+        except OSError as error:
+            raise BadInput(
+                f"cannot write {path}: {error.strerror or error}; run the command in another folder"
+            ) from None
         finally:
-            part.unlink(missing_ok=True)
+            with suppress(OSError):
+                part.unlink()
 
     def name(self) -> str:
         """Return the name of the archive: the diagram and the time of the run, without the fields of its trial."""
@@ -230,11 +227,6 @@ def numbered(path: Path) -> Iterator[Path]:
     while True:
         yield path.with_stem(f"{path.stem}-{number}")
         number += 1
-
-
-def as_json(value: Any) -> str:
-    """Return a value as indented JSON."""
-    return json.dumps(value, indent=1, ensure_ascii=False, default=str) + "\n"
 
 
 def computer(machine: Machine) -> dict[str, Any]:

@@ -9,7 +9,10 @@ import zipfile
 
 import pytest
 
+from runtime.host.errors import BadInput
+from runtime.robot.rig.records import Record, digest
 from runtime.setup.doctor.bundle import Bundle
+from runtime.setup.doctor.persons import Persons
 from tests.runtime.runs import finished, knee, write
 
 NAME = "Mallory Jones"
@@ -29,6 +32,21 @@ def recording(tmp_path_factory):
     assert run.returncode == 0, run.stderr
     [path] = (folder / "here").glob("*.mcap")
     return path
+
+
+RIG = """# wiring of Mallory Jones' robot
+[bus.legs]  # Mallory's "bus"
+interface = "virtual"
+channel = "a # is no comment"
+key = 'nor # here'
+"""
+ABOUT = {
+    "metadata": {
+        "subject": {"id": "K1", "file": "Jones.toml", "date": "2026-11-27"},
+        "trial": {"subject": "K1", "operator": NAME, "side": "left", "speed": "200", "nick": 'O"Neil'},
+    },
+    "machine": {"node": "lab7.uni.example"},
+}
 
 
 def contents(path):
@@ -80,6 +98,7 @@ def test_a_damaged_recording_has_an_archive_too(recording, tmp_path, damage):
     path.write_bytes(b"" if damage == "empty" else data)
     path.with_suffix(".json").write_bytes(recording.with_suffix(".json").read_bytes())
     bundle = Bundle(path)
+    assert "S03X" not in bundle.members.get("problems.txt", ""), "it is part of the name of the recording"
     about = json.loads(bundle.members["recording.json"])
     assert about["name"] == "knee" and "kernel.log" in bundle.members
     if damage == "empty":
@@ -88,3 +107,64 @@ def test_a_damaged_recording_has_an_archive_too(recording, tmp_path, damage):
         assert about["trouble"] and len(bundle.members["signals.csv"].splitlines()) > 1
     assert contents(bundle.write(tmp_path / "a.zip")) == bundle.members
     assert "Mallory" not in "\n".join(bundle.members.values())
+
+
+def test_names_of_persons_are_removed_and_numbers_and_names_of_blocks_are_not():
+    """A field of a trial was looked for in numbers: speed=200 left JSON that nobody can read, and side=left no left."""
+    persons = Persons(ABOUT, ["left/knee.position", "exo"])
+    value = {
+        "rate": 200,
+        "left/knee": 'mallory, O"Neil',
+        "lines": ["subject K1 (Jones.toml) of 2026-11-27", "exo_K1_Mallory-Jones_left_200_2026.mcap", "at 200 N·m"],
+        "machine": ["lab7", "lab7.uni.example"],
+    }
+    assert persons.scrubbed(value) == {
+        "rate": 200,
+        "left/knee": "REMOVED, REMOVED",
+        "lines": ["subject REMOVED of 2026-11-27", "exo_REMOVED_REMOVED_REMOVED_REMOVED_2026.mcap", "at 200 N·m"],
+        "machine": ["HOST", "HOST"],
+    }
+    home = "/".join(["", "home", "mallory", "exo.py"])  # of another computer
+    elsewhere = Persons({"metadata": {"diagram_file": home}}, [])
+    assert elsewhere.scrub(f"{home}, /media/mallory/STICK") == "~/exo.py, /media/USER/STICK"
+
+
+def test_no_comment_of_a_rig_file_is_kept_whatever_it_quotes():
+    persons = Persons(ABOUT, [])
+    assert persons.without_comments(RIG, "rig.toml") == re.sub(r"(# wiring.*|  # Mallory.*)", "", RIG)
+    assert persons.removed == ["rig.toml: comments"]
+
+
+def test_records_are_found_beside_the_rig_from_any_folder(recording, tmp_path, monkeypatch):
+    record = Record("4F2A", "knee", "DriveBlock", "D80", signed={"name": NAME, "date": "2026-11-20"})
+    (tmp_path / "lab.records").mkdir()
+    (tmp_path / "lab.records" / "4F2A.toml").write_text(f"# of {NAME}\n" + record.text())
+    (tmp_path / "here").mkdir()
+    path = tmp_path / "here" / recording.name
+    path.write_bytes(recording.read_bytes())
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+
+    def records(about):
+        bundle = Bundle(path)
+        bundle.about = {"metadata": {"rig": {"file": "lab.toml", "text": "", "records": about}}}
+        return bundle._records()
+
+    same = records({"serials": {"knee": "4F2A"}, "sha256": digest({"knee": record})})
+    assert 'device = "knee"' in same and "Jones" not in same and "CHANGED" not in same
+    assert "CHANGED" in records({"serials": {"knee": "4F2A"}, "sha256": "other"})
+    path.rename(tmp_path / "elsewhere" / path.name)
+    path = tmp_path / "elsewhere" / path.name
+    (tmp_path / "lab.records").rename(tmp_path / "moved")
+    with pytest.raises(BadInput, match="no folder lab.records: run the command in the folder of the run"):
+        records({"serials": {"knee": "4F2A"}, "sha256": "other"})
+    (tmp_path / "moved" / "4F2A.toml").write_text("damaged")
+    (tmp_path / "moved").rename(tmp_path / "lab.records")
+    assert "# 4F2A" not in records({"serials": {}})
+
+
+def test_a_folder_that_takes_no_file_and_a_file_beside_the_recording_are_refused_in_a_line(recording, tmp_path):
+    with pytest.raises(BadInput, match="cannot write .*a.zip: No such file"):
+        Bundle(recording).write(tmp_path / "none" / "a.zip")
+    run = finished("doctor", "--bundle", recording.with_suffix(".json"), "--yes", cwd=tmp_path)
+    assert run.returncode == 2 and "name the .mcap file" in run.stderr and not any(tmp_path.iterdir())
