@@ -120,10 +120,12 @@ def hides(friction: Friction, ratio: float, commanded: float) -> bool:
     return not agrees and (follows or (friction.scale < 1.0) != (ratio < 1.0))
 
 
-def friction_before(given: Given) -> float:
-    """Return the friction in N·m that the step `torque` has measured; inf if it held the lever or was not measured."""
+def friction_before(given: Given) -> Friction | None:
+    """Return the Friction of the step `torque`, held unless its torque agrees; None if it has measured none."""
     step = given.steps.get("torque")
-    return step.measured.get("friction", 0.0) if step is not None and step.verdict == AGREES else math.inf
+    if step is None or step.verdict != AGREES and "friction" not in step.measured:
+        return None
+    return Friction(step.measured.get("friction", 0.0), held=step.verdict != AGREES)
 
 
 def silence(bench: Bench, block: Any, given: Given) -> Result:
@@ -132,8 +134,8 @@ def silence(bench: Bench, block: Any, given: Given) -> Result:
     if lever is None:
         return Result([NO_LEVER], done=False)
     own, result = block.own_timeout, Result()
-    seen = "torque" in given.steps and "friction" in given.steps["torque"].measured
-    if seen and friction_before(given) > FRICTION_HIDES * wanted_of(block, lever):
+    friction = friction_before(given)
+    if friction is not None and (friction.held or friction.torque > FRICTION_HIDES * wanted_of(block, lever)):
         return Result(["friction holds the lever also without torque: not measured"], done=False)
     measured = silence_of(bench, block, lever, own, result)
     if isinstance(measured, Result):

@@ -27,7 +27,7 @@ from runtime.setup.commissioning.guided.driven import (
     limit_of,
     run_on_rig,
 )
-from runtime.setup.commissioning.guided.probes import Lever, LeverProbe, friction_of
+from runtime.setup.commissioning.guided.probes import Friction, Lever, LeverProbe, friction_of
 
 AHEAD, FASTER, SPEED_SHARE = 0.5, 6.0, 0.4  # rad; rad/s, and share of the encoded range: farthest setpoints
 AIMED_SHARE = 0.025  # of the rated torque: leaves room for gains of a multiple while the lever accelerates
@@ -86,9 +86,7 @@ def law_once(bench: Bench, block: Any, given: Given, lever: Lever) -> tuple[Resu
         return failed(Result(), block, run), False
     torque = given.steps.get("torque")
     scale = torque.measured.get("ratio", 1.0) if torque else 1.0
-    seen = torque.measured.get("friction", 0.0) if torque else 0.0
-    result = law_of(block, lever, probe, scale, friction_before(given), seen)
-    return result, is_limited(probe)
+    return law_of(block, lever, probe, scale, friction_before(given)), is_limited(probe)
 
 
 def is_limited(probe: LawProbe) -> bool:
@@ -96,14 +94,12 @@ def is_limited(probe: LawProbe) -> bool:
     return probe.limited_ticks > LIMITED_SHARE * len(probe.rows)
 
 
-def law_of(
-    block: Any, lever: Lever, probe: LawProbe, scale: float = 1.0, known: float = math.inf, seen: float = 0.0
-) -> Result:
+def law_of(block: Any, lever: Lever, probe: LawProbe, scale: float = 1.0, before: Friction | None = None) -> Result:
     """Compare both gains with what a lever has shown in a run.
 
-    scale : true over commanded torque; known : N·m, friction of a lever that was held, inf if unknown
-    seen : N·m, friction that there is at least
+    scale : true over commanded torque; before : Friction of the step `torque`, None if it is not known
     """
+    before = before or Friction(0.0, held=True)
     result = Result()
     if is_limited(probe):
         result.done = False
@@ -118,7 +114,7 @@ def law_of(
         result.measured[name] = ratio
         result.says.append(f"{name}: the lever shows {ratio:.2f} times the commanded torque")
         friction = friction_of(lever, probe.falls[side])
-        most = max(known if friction.held or math.isfinite(known) else seen, friction.torque)
+        most = math.inf if friction.held and before.held else max(friction.torque, before.torque)
         hidden = 2.0 * most / abs(command) / scale  # the lever may be beside its balance at rest and under torque
         if 1.0 / FACTOR < ratio < FACTOR:
             continue

@@ -82,7 +82,7 @@ class LeverProbe(Probe):
         return {name: [row for row in self.rows if row[0] == name] for name in "+-"}
 
     def reset(self):
-        self.rows, self.rest, self.command, self.hushed, self.grown = [], [], 0.0, False, False
+        self.rows, self.rest, self.command, self.hushed, self.grown = [], None, 0.0, False, False
         self.begun = self.held = 0.0
         self.falls: dict[str, list[tuple[float, float]]] = {"+": [], "-": []}
         self.recent, self.waited, self.ended = deque(maxlen=round(REST_TIME / self.dt)), 0.0, False
@@ -91,41 +91,56 @@ class LeverProbe(Probe):
         phase, local = divmod(t - self.waited, self.side_time)
         self.recent.append(position)
         self.ended = phase >= self.count
-        if self.ends[0] - 1.5 * self.dt < local < self.ends[0] and self.waited < (phase + 1.0) * SWING_LIMIT:
-            if max(self.recent) - min(self.recent) > SWING:  # of the direction, or the step, before
-                self.waited += self.dt
-        sign = 1.0 if phase == 0.0 else -1.0
-        rest = sum(self.rest) / len(self.rest) if self.rest else position
-        deflection = position - rest
+        sign, deflection = 1.0 if phase == 0.0 else -1.0, 0.0 if self.rest is None else position - self.rest
+        row = deflection, self.command, reported, velocity
         if local < self.ends[0]:
-            self.command, self.grown, self.begun = 0.0, False, deflection
-            if phase == 0.0:
-                self.rest = list(self.recent)
+            self.hang(phase, local, deflection)
         elif local < self.ends[1]:
-            shown, before = (sign * self.lever * math.sin(max(-1.5, min(1.5, at))) for at in (deflection, self.begun))
-            against = before - shown  # where friction held the lever before, it has not moved
-            self.grown = self.grown or max(shown, against) >= self.wanted
-            if not self.grown:
-                share = START_SHARE ** (1.0 - (local - self.ends[0]) / GROWTH_TIME)
-                self.command = sign * min(self.wanted * 1.3 * share, self.largest)
-        elif self.ends[2] <= local < self.ends[2] + self.fall_time:
-            fall = self.falls["+" if sign > 0 else "-"]
-            fall.append((sign * deflection, sign * self.command))
-            self.held = self.command if len(fall) == 1 else self.held
-            self.command = self.held * (1.0 - (local - self.ends[2]) / self.fall_time)
-        elif local >= self.ends[2]:
-            if self.silence and not self.hushed:
-                self.hushed = True
-                self.rows.append(("held", deflection, self.command, reported, velocity))
-                time.sleep(self.silence)
-                return self.command, self.command / self.constant, False
-            if self.hushed and len([row for row in self.rows if row[0] == "after"]) < AFTER_TICKS:
-                self.rows.append(("after", deflection, self.command, reported, velocity))
-            self.command = 0.0
-        if self.ends[1] + 0.3 * HOLD_TIME < local < self.ends[2]:
-            self.rows.append(("+" if sign > 0 else "-", deflection, self.command, reported, velocity))
+            self.grow(sign, local, deflection)
+        elif local < self.ends[2]:
+            if local > self.ends[1] + 0.3 * HOLD_TIME:
+                self.rows.append(("+" if sign > 0 else "-", *row))
+        elif local < self.ends[2] + self.fall_time:
+            self.fall(sign, local, deflection)
+        else:
+            self.let_go(row)
         lost = abs(deflection) > SWUNG or abs(velocity) > TOO_FAST
         return self.command, self.command / self.constant, lost or self.ended
+
+    def hang(self, phase: float, local: float, deflection: float) -> None:
+        """Command zero, longer while the lever swings from the direction or the step before. Its rest is the first."""
+        self.command, self.grown, self.begun = 0.0, False, deflection
+        if phase == 0.0:
+            self.rest = sum(self.recent) / len(self.recent)
+        if local > self.ends[0] - 1.5 * self.dt and self.waited < (phase + 1.0) * SWING_LIMIT:
+            self.waited += self.dt * (max(self.recent) - min(self.recent) > SWING)
+
+    def grow(self, sign: float, local: float, deflection: float) -> None:
+        """Increase the torque until the lever shows the wanted one, in whichever direction."""
+        shown, before = (sign * self.lever * math.sin(max(-1.5, min(1.5, at))) for at in (deflection, self.begun))
+        against = before - shown  # where friction held the lever before, it has not moved
+        self.grown = self.grown or max(shown, against) >= self.wanted
+        if not self.grown:
+            share = START_SHARE ** (1.0 - (local - self.ends[0]) / GROWTH_TIME)
+            self.command = sign * min(self.wanted * 1.3 * share, self.largest)
+
+    def fall(self, sign: float, local: float, deflection: float) -> None:
+        """Decrease the torque to zero, and note what the lever shows."""
+        fall = self.falls["+" if sign > 0 else "-"]
+        fall.append((sign * deflection, sign * self.command))
+        self.held = self.command if len(fall) == 1 else self.held
+        self.command = self.held * (1.0 - (local - self.ends[2]) / self.fall_time)
+
+    def let_go(self, row: tuple[float, ...]) -> None:
+        """Command zero. With a silence, send nothing before that, and note where the lever is before and after."""
+        if self.silence and not self.hushed:
+            self.hushed = True
+            self.rows.append(("held", *row))
+            time.sleep(self.silence)
+            return
+        if self.hushed and sum(name == "after" for name, *_ in self.rows) < AFTER_TICKS:
+            self.rows.append(("after", *row))
+        self.command = 0.0
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from tests.runtime.setup.commissioning.test_driven import HEALTHY, LEVER, Hangin
 from tests.soaking import soaked
 
 
-def carried_out(block, friction=0.0, known=math.inf, start=0.0, **faults):
+def carried_out(block, friction=0.0, known=None, start=0.0, **faults):
     """(Result of the step, largest torque) of an emulated drive.
 
     friction : of the rated torque; known : the same, as the step `torque` has measured it
@@ -29,7 +29,8 @@ def carried_out(block, friction=0.0, known=math.inf, start=0.0, **faults):
         drive(position=arm.position, velocity=arm.velocity)
     outcome = Rig(robot, plant).run(math.ceil(probe.duration * driven.RATE))
     assert probe.ended, (outcome.status, outcome.tick)
-    return law.law_of(block, lever, probe, known=known * driven.rated_of(block)), arm.most
+    before = None if known is None else driven.Friction(known * driven.rated_of(block))
+    return law.law_of(block, lever, probe, before=before), arm.most
 
 
 LAWS = [name for name, (kind, *_) in HEALTHY.items() if kind != "CubeMarsServo"]
@@ -65,7 +66,7 @@ def test_another_encoded_gain_is_named_before_5_percent_of_rated(fault):
 
 
 @pytest.mark.hazard("H4i")
-@pytest.mark.parametrize("friction, known", [(0.02, 0.02), (0.02, math.inf), (0.06, math.inf)])
+@pytest.mark.parametrize("friction, known", [(0.02, 0.02), (0.02, None), (0.06, None)])
 def test_friction_is_not_taken_for_another_encoded_gain(friction, known):
     result, _ = carried_out(block_of(*HEALTHY["MIT mode"]), friction, known)
     assert not result.findings and not result.done and "friction" in result.says[-1], result
