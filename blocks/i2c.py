@@ -8,6 +8,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.chips import EXTENDED_ID, ChipDevice
 from graph import Param
 
@@ -93,14 +94,7 @@ class I2cDevice(ChipDevice):
         kernel=False,
     )
     channel = Param(0, "1", "channel of the multiplexer", min=0, max=CHANNELS - 1, fixed=True, kernel=False)
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a reply after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param()
 
     hardware = ("address", "mux", "channel")
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.chips import EXTENDED_ID, ChipDevice
 from graph import Param
 
@@ -32,14 +33,7 @@ class SpiDevice(ChipDevice):
     chip_select = Param(
         0, "1", "number of the chip select, N of /dev/spidev0.N", min=0, max=7, fixed=True, kernel=False
     )
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a valid reply after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param("valid reply")
 
     hardware = ("chip_select",)
 

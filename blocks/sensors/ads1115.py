@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.i2c import I2cDevice, Read, Round, Transfer, Write
 from cext.kernels import no_io
 from cext.kernels.devices import converters as kernels
@@ -38,14 +39,7 @@ class ADS1115(I2cDevice):
         4.096, "V", "full-scale magnitude of the voltage", choices=tuple(RANGES), fixed=True, kernel=False
     )
     rate = Param(860, "1/s", "conversions per second", choices=tuple(RATES), fixed=True, kernel=False)
-    timeout = Param(
-        0.5,
-        "s",
-        "time without a reply after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param(default=0.5)
 
     a0 = Output("V", "voltage at input 0")
     a1 = Output("V", "voltage at input 1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.sensors import fields
 from blocks.serial_lines import speed_of
 from cext.kernels import no_io
@@ -71,14 +72,7 @@ class Microcontroller(StreamDevice):
         kernel=False,
     )
     start = Param("", "1", "bytes sent on connect and after every reconnect", dtype=str)
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a packet after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param("packet")
 
     age = Output("s", "time since the newest packet")
     received = Output("1", "number of packets", dtype=int)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.i2c import I2cDevice, Identity, Read, Round, Transfer, Write
 from cext.kernels import no_io
 from cext.kernels.devices import converters as kernels
@@ -53,14 +54,7 @@ class NAU7802(I2cDevice):
     )
     tare_at_start = Param(True, "1", "true tares with the first samples", fixed=True, kernel=False)
     tare_time = Param(0.5, "s", "averaging time of a tare", above=0.0, max=60.0, fixed=True, kernel=False)
-    timeout = Param(
-        0.5,
-        "s",
-        "time without a reply after which the run ends in the safe stop; 0 disables it",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param(default=0.5)
 
     tare = Input("1", "rising edge starts a tare", default=False, dtype=bool)
     counts = Output("1", "raw counts of the converter", dtype=int)

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterator
 from typing import Any
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.imus.microstrain import queries, set_up
 from blocks.imus.microstrain.descriptors import (
     CHANNELS,
@@ -119,9 +120,7 @@ class MicroStrain(StreamDevice):
     )
     tare_at_start = Param(False, "1", "whether to tare with the first samples; arming waits for them", fixed=True)
     tare_time = Param(0.5, "s", "averaging time of a tare", min=0.0, max=60.0, fixed=True)
-    timeout = Param(
-        0.1, "s", "time without a sample after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True
-    )
+    timeout = timeout_param("sample")
 
     tare = Input(
         "1", "on a rising edge, the mean attitude of the next `tare_time` becomes zero", default=False, dtype=bool

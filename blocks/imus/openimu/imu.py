@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from blocks._plumbing.timeouts import timeout_param
 from blocks.imus.openimu import frames
 from blocks.imus.openimu.emulator import EmulatedOpenImu
 from cext.kernels.devices.openimu import frames as kernels
@@ -99,14 +100,7 @@ class OpenImu(Device):
         kernel=False,
     )
     bitrate = Param(250_000.0, "1/s", "bitrate set in the unit, bit/s", above=0.0, fixed=True, kernel=False)
-    timeout = Param(
-        0.1,
-        "s",
-        "time without a sample after which the run ends in the safe stop; 0 for never",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
+    timeout = timeout_param("sample")
 
     accel = Output("m/s²", "specific force", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
