@@ -220,7 +220,7 @@ def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monke
         while (not shared.fenced or shared.hung in (None, *[-1] * answers)) and time.monotonic() < end:
             time.sleep(0.001)
     finally:
-        os.kill(child, signal.SIGKILL)
+        os.kill(child, signal.SIGKILL if shared.fenced else signal.SIGABRT)  # pytest shows where it was
         os.waitpid(child, 0)
     assert shared.fenced and (names(rig.schedule)[shared.hung] == "middle" if answers else shared.hung == -1)
 
