@@ -23,8 +23,8 @@ from hypothesis import settings
 
 from tests.repeating import Repeating
 
-TESTS_BETWEEN_COLLECTIONS = 40
-FULL_COLLECTION_INTERVAL = 20  # collections
+TESTS_BETWEEN_COLLECTIONS = 160
+FULL_COLLECTION_INTERVAL = 5  # collections
 finished = 0
 
 for number, action in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):

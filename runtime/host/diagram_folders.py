@@ -27,10 +27,17 @@ def import_from(folder: str) -> None:
     rest = [entry for entry in sys.path if entry not in others and not isinstance(entry, DiagramFolder)]
     sys.path[:] = [*rest, *([] if folder in rest else [DiagramFolder(folder)]), *others]
     behind = {os.path.realpath(entry) for entry in others}
-    for name in [name for name, module in sys.modules.items() if "." not in name and _folder_of(module) in behind]:
-        if (Path(folder) / f"{name}.py").exists() or (Path(folder) / name).is_dir():
-            for each in [each for each in sys.modules if each == name or each.startswith(f"{name}.")]:
-                del sys.modules[each]
+    for name in [name for name in _modules_of(folder) & sys.modules.keys() if _folder_of(sys.modules[name]) in behind]:
+        for each in [each for each in sys.modules if each == name or each.startswith(f"{name}.")]:
+            del sys.modules[each]
+
+
+def _modules_of(folder: str) -> set[str]:
+    """Return the names of what may be a module or a package in a folder; none if it cannot be read."""
+    try:
+        return {name.removesuffix(".py") for name in os.listdir(folder)}
+    except OSError:
+        return set()
 
 
 def _comes_after(entry: str) -> bool:

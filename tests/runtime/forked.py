@@ -41,6 +41,8 @@ IMPORTED = (
     "blocks.sources",
     "can.interfaces.udp_multicast",
     "concurrent.futures.thread",
+    "encodings.idna",
+    "google.protobuf.descriptor_pb2",
     "graph.drawing.compose",
     "graph.order",
     "mcap.stream_reader",
@@ -55,8 +57,10 @@ IMPORTED = (
     "runtime.record.analysis.stride_picture",
     "runtime.record.recorder.local",
     "runtime.record.recorder.process",
+    "runtime.record.recorder.services.candump",
     "runtime.record.recorder.services.csv",
     "runtime.record.recorder.services.mcap",
+    "runtime.record.recorder.services.panel",
     "runtime.record.recorder.services.plotjuggler",
     "runtime.record.recorder.services.strides",
     "runtime.record.report.summary",
@@ -65,6 +69,7 @@ IMPORTED = (
     "runtime.robot.rig.verifier",
     "runtime.session.prepare",
     "runtime.session.session",
+    "segno",
     "xml.etree.ElementTree",
 )
 RECORDER = "runtime.record.recorder.process"
