@@ -237,6 +237,8 @@ def encode_index(index: Any) -> Any:
         return {"list": tuple(index)}
     if index is ...:
         return {"ellipsis": True}
+    if isinstance(index, (str, float)):
+        raise TypeError(f"a signal is indexed with whole numbers, as in gyro[1], got {index!r}")
     return operator.index(index)
 
 

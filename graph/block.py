@@ -220,8 +220,8 @@ class Block:
             if not hasattr(self, name):
                 setattr(self, name, Signal(self, name))  # of an output that the parameters have made
             elif not isinstance(getattr(self, name), Signal):
-                message = f"{name!r} cannot be the name of an output: the block has another attribute of this name"
-                raise self._error("TW010", message, self.location, "rename the output")
+                message, hint = hints.for_taken_output(self, name)
+                raise self._error("TW010", message, self.location, hint)
 
     # What a block's author may define
 
@@ -293,7 +293,7 @@ class Block:
         names = list(self.inputs)
         if not self.variadic and len(signals) > len(names):
             found = f"has {count(names, 'input')} ({', '.join(names) or 'none'}), got {count(signals, 'signal')}"
-            raise self._error("TW012", found, where)
+            raise self._error("TW012", found, where, hints.for_count(self))
         wires = [(None, signal) for signal in signals] if self.variadic else list(zip(names, signals))
         for name, signal in [*wires, *named.items()]:
             if not self.variadic and name not in self.inputs:
@@ -449,6 +449,7 @@ class Block:
             return method(*arguments)
         except OSError as error:
             message = text_of(error) if error.strerror is None else f"cannot read {error.filename}: {error.strerror}"
+            raise self._error("TW010", message, self.location, hints.for_file(error)) from None
         except (ValueError, ArithmeticError) as error:
             message = text_of(error)
         raise self._error("TW010", message, self.location)

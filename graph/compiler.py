@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from msgspec.structs import replace
 
+from cext.user_text import repr_of
 from graph import caveats, device_checks, hints, live_checks, rate_checks, signal_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
@@ -29,8 +30,10 @@ from graph.signal import Signal
 def compile(diagram: Diagram) -> Schedule:
     """Check and sort a diagram, and place its signals in an arena.
 
-    Raises DiagramError with every problem that the checks find.
+    Raises DiagramError with every problem that the checks find, and TypeError for anything but a Diagram.
     """
+    if not isinstance(diagram, Diagram):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"compile() takes a Diagram, got {repr_of(diagram)}; runtime.check takes a file")
     with uncollected():
         compilation = examine(diagram)
         if compilation.errors:

@@ -346,7 +346,8 @@ class Param(Declaration, Generic[T]):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
         value = self.in_unit(value)
         if self.numeric and (isinstance(value, (str, bytes)) or np.iscomplexobj(value)):
-            raise ValueError(f"expected a number, got {repr_of(value)}")
+            quoted = isinstance(value, str) and value.strip("+- ").replace(".", "", 1).isdigit()
+            raise ValueError(f"expected a number, got {repr_of(value)}" + ": omit the quotes" * quoted)
         if self.numeric and np.ndim(value):
             raise ValueError(f"expected one number, got {repr_of(value)}")
         if self.dtype is int and not is_whole(value):

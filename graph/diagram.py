@@ -148,7 +148,9 @@ class Diagram:
         try:
             return self.blocks[path]
         except KeyError:
-            hint = suggestion(path, self.blocks)
+            block, dot, port = str(path).rpartition(".")
+            output = f"an output is diagram[{block!r}].{port}" if dot and block in self.blocks else ""
+            hint = output or suggestion(path, self.blocks)
             raise KeyError(f"{self.name} has no block {path!r}" + (f": {hint}" if hint else "")) from None
 
     def __iter__(self) -> Iterator[Any]:

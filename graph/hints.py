@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from typing import Any
 
+from cext.user_text import repr_of
 from graph import units
 from graph.declarations import Input
 from graph.names import suggestion
@@ -37,7 +39,7 @@ def for_parameter(block: Any, name: str) -> str:
     """Return the remedy for an argument of a block's class that is not a parameter. name : name of the argument"""
     if name in block.inputs:
         return in_second_parentheses(block, f"{name}=...")
-    if hasattr(block.__class__, name) and not hasattr(object, name):
+    if hasattr(block.__class__, name) and not hasattr(block.__class__.__mro__[-2], name):  # not of every block
         return f"declare it in the class, as in {name} = Param(1.0, unit)"
     return suggestion(name, block.parameters) or f"it has {', '.join(block.parameters) or 'none'}"
 
@@ -97,6 +99,37 @@ def for_attribute(block: Any) -> str:
                 f"{owner.path.split('/')[-1]}({type(block).__name__}(...)(signal))"
             )
     return ""
+
+
+def for_count(block: Any) -> str:
+    """Return the remedy for more signals than a block has inputs."""
+    if not block.inputs:
+        return "call it without arguments: it computes its outputs from no signal"
+    return "pass one signal for each input, and combine signals with Sum (from blocks.mathematics) or stack(a, b)"
+
+
+def for_taken_output(block: Any, name: str) -> tuple[str, str]:
+    """Return (what is wrong, remedy) where an output is not the signal of its block. name : name of the output"""
+    declared: dict[str, Any] = block.__class__.outputs
+    if name not in block.__dict__ or name not in declared:
+        return (
+            f"{name!r} cannot be the name of an output: the block has another attribute of this name",
+            "rename the output",
+        )
+    call = f"{block.path.split('/')[-1]}({usual_command(block)}=...)" if block.inputs else ""
+    remedy = f"omit the assignment{f', or connect an input, as in {call}' if call else ''}"
+    return (
+        f"{repr_of(block.__dict__[name])} was assigned to its output {name!r}",
+        f"a block computes its outputs: {remedy}",
+    )
+
+
+def for_file(error: OSError) -> str:
+    """Return the remedy for a file that cannot be read, or ""."""
+    if isinstance(error, IsADirectoryError):
+        return "name a file in this folder"
+    missing = isinstance(error, FileNotFoundError)
+    return f"write its absolute path, or one relative to the working folder, {os.getcwd()}" if missing else ""
 
 
 def usual_command(block: Any) -> str:

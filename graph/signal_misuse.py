@@ -65,6 +65,11 @@ NUMPY = {  # {function: remedy}
     **{name: 'convert the unit with signal.to("rad")' for name in ("deg2rad", "radians")},
     **{name: 'convert the unit with signal.to("deg")' for name in ("rad2deg", "degrees")},
 }
+ATTRIBUTES = {  # {attribute of arrays: remedy}
+    **dict.fromkeys(("unit", "units", "shape", "dtype"), "read its declaration, as in signal.declaration.unit"),
+    "name": "use its path, as in signal.path",
+    **dict.fromkeys(("abs", "clip", "diff", "filter", "integrate", "max", "mean", "min", "std", "sum"), FUNCTION),
+}
 ARITHMETIC = {  # {ufunc: function of the module operator}, so that numpy.float64(2.0) * signal is as 2.0 * signal
     "add": "add",
     "subtract": "sub",
@@ -112,6 +117,15 @@ class WithoutValue:
         self.reject(f"numpy.{function.__name__}", NUMPY.get(function.__name__, FUNCTION))
 
 
+def missing(signal: WithoutValue, name: str) -> NoReturn:
+    """Raise AttributeError for an attribute that signals do not have, with its remedy unless it is not a user's."""
+    text = f"{type(signal).__name__!r} object has no attribute {name!r}"
+    if name[0] != "_" and name not in ("block", "port", "path", "declaration"):  # as of a copy that is not yet complete
+        remedy = ATTRIBUTES.get(name, f"it has no value until the diagram runs: {READ}")
+        text = f"{signal.path} is a signal, which has no attribute {name!r}; {remedy}"
+    raise AttributeError(text, name=name, obj=signal)
+
+
 def plain(operand: Any) -> Any:
     """Return a scalar of NumPy as a Python number, and an array as a list; anything else as it is.
 
@@ -131,3 +145,4 @@ def rejecting(operation: str, remedy: str) -> Callable[..., NoReturn]:
 
 for name, (operation, remedy) in OPERATORS.items():  # set here, so that type checkers report these operations
     setattr(WithoutValue, name, rejecting(operation, remedy))
+setattr(WithoutValue, "__getattr__", missing)  # noqa: B010  # for the same reason

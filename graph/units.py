@@ -13,6 +13,8 @@ import re
 from collections.abc import Iterable
 from functools import cache
 
+from graph.narrowing import is_row
+
 ANY, ONE = "any", "1"
 
 # symbol: (factor to the base unit, exponents of the base unit). The order is the order in which symbols are written.
@@ -185,7 +187,9 @@ def convert(value: float, source: str, target: str) -> float:
 
 
 def deg(angle: float) -> float:
-    """Convert an angle from degrees to rad."""
+    """Convert an angle from degrees to rad. Raises TypeError for a list or text."""
+    if isinstance(angle, str) or is_row(angle):
+        raise TypeError(f"deg() converts one number, got {angle!r}: convert each, as in (deg(-10), deg(90))")
     return math.radians(angle)
 
 

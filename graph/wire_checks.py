@@ -28,7 +28,7 @@ def check_names(compilation: Compilation) -> None:
         compilation.report(
             "TW009",
             f"the name {wanted!r} is already used by the block made at {first.location}",
-            block,
+            where=block.location,
             hint="choose a different `name=`",
         )
     for block in compilation.blocks:

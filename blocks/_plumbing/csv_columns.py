@@ -37,12 +37,14 @@ class Table(Struct, frozen=True):
         index = self.index(*candidates)
         values: list[float] = []
         for line, row in self.rows:
+            text = row[index].strip() if index < len(row) else None
             try:
-                text = row[index].strip()
-                values.append(float(text) if text or empty is None else empty)
-            except (ValueError, IndexError):
+                values.append(empty if text == "" and empty is not None else float(text or ""))
+            except ValueError:
+                found = f": {text!r}" if text else ""
+                comma = "; write numbers with a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", text or "") else ""
                 raise ValueError(
-                    f"{self.file}, line {line}: column {self.names[index]!r} does not contain a number"
+                    f"{self.file}, line {line}: column {self.names[index]!r} does not contain a number{found}{comma}"
                 ) from None
         return np.array(values)
 
@@ -63,7 +65,7 @@ def read_table(file: str) -> Table:
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise ValueError(f"{file} is not a CSV file: {error}") from None
+        raise ValueError(f"{file} is not a CSV file in UTF-8: {error}; export the table as CSV in UTF-8") from None
     start = next((number for number, line in enumerate(lines, 1) if line.strip() == "endheader"), 0)
     if any(re.fullmatch(r"\s*inDegrees\s*=\s*no\s*", line) for line in lines[:start]):
         raise ValueError(f"{file} is in radians: write it in degrees")
@@ -75,7 +77,9 @@ def read_table(file: str) -> Table:
     else:
         rows = (line.split() for line in lines[start:])
     cells = [(start + number, row) for number, row in enumerate(rows, 1) if any(map(str.strip, row))]
-    names = [split_unit(name) for name in cells[0][1]] if cells else []
+    if not cells[1:]:
+        raise ValueError(f"{file} has no rows: it needs a header with the names of its columns, and rows below it")
+    names = [split_unit(name) for name in cells[0][1]]
     return Table(file, [name for name, _ in names], [unit for _, unit in names], cells[1:])
 
 

@@ -23,4 +23,6 @@ def path_beside(location: Any, file: str) -> Path:
     for path in (folder / file, Path(file)):
         if path.is_file():
             return path.absolute()
-    raise ValueError(f"file: there is no {file} in {folder or '.'} or in the working folder")
+    raise ValueError(
+        f"file: there is no {file} in {folder} or in the working folder: copy it there, or write its absolute path"
+    )

@@ -26,7 +26,7 @@ def trace(make, ticks, rate=200.0):
 
 def write(folder, text):
     path = folder / "data.csv"
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return str(path)
 
 
@@ -153,10 +153,15 @@ def test_semicolons_tabs_uneven_times_and_a_start_that_is_not_zero(tmp_path):
         ("time,u\n0,1\n0,2\n", "strictly increasing"),
         ("time,u\n0,1\n1,inf\n", "finite"),
         ("time,u\n0,nan\n1,nan\n", "finite"),
-        ("", "has no column 'time'; it has none"),
+        ("", "has no rows: it needs a header"),
         ("time [ms],u\n0,1\n5,2\n", "must be in s, got ms"),
         ("time,u\nnan,1\n1,2\n", "finite"),
-        ("time,u\n", "finite"),
+        ("time,u\n", "has no rows: it needs a header"),
+        (
+            "time;u\n0,0;1,5\n0,1;2\n",
+            "line 2: column 'time' does not contain a number: '0,0'; write numbers with a decimal point",
+        ),
+        ("größe".encode("latin-1"), "is not a CSV file in UTF-8"),
     ],
 )
 def test_a_file_that_cannot_be_played_is_refused_with_its_line(tmp_path, text, said):

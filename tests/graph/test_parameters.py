@@ -67,9 +67,9 @@ def test_a_live_parameter_has_a_slew():
         (Live(16.0, max=15.0), "limit: must be between its live bounds 0 and 15, got 16.0"),
         (Live(1.0, min=2.0, max=15.0), "limit: must be between its live bounds 2 and 15, got 1.0"),
         (Live(math.nan, max=15.0), "limit: NaN is not allowed"),
-        (Live("12", max=15.0), "limit: expected a number, got '12'"),
+        (Live("12", max=15.0), "limit: expected a number, got '12': omit the quotes"),
         (Live(None, max=15.0), "limit: expected a value, got None"),
-        (Live(12.0, max="15"), "limit: expected a number, got '15'"),
+        (Live(12.0, max="15"), "limit: expected a number, got '15': omit the quotes"),
     ],
 )
 def test_live_bounds_are_finite_in_order_and_hold_the_value(value, message):

@@ -24,6 +24,17 @@ if TYPE_CHECKING:
     from runtime.record.analysis.xdf import Stream
 
 
+REMEDIES = {  # {attribute of other libraries' tables: remedy}
+    **dict.fromkeys(("data", "dataframe", "df", "to_pandas"), "call trial.table() for a pandas.DataFrame"),
+    **dict.fromkeys(("export", "save", "to_csv"), "convert its file with `python -m runtime convert FILE --to csv`"),
+    **dict.fromkeys(("columns", "keys"), "trial.names lists its signals"),
+    **dict.fromkeys(("error", "status", "success"), "read trial.fault, None after a normal end"),
+    "duration": "read trial.time[-1]",
+    "rate": "read trial.about['rate']",
+    "get": "read a signal as in trial['knee.position']",
+}
+
+
 class Trial(TrialData):
     """Recording, with its signals over the gait cycle, at other rates, and as a table.
 
@@ -33,6 +44,19 @@ class Trial(TrialData):
     trial.time                              # array over the ticks, s
     trial.time_of("left/knee.position")     # times of its samples in s, if it was recorded at a lower rate
     """
+
+    if not TYPE_CHECKING:  # so that type checkers report these names
+
+        def __getattr__(self, name: str) -> None:
+            """Raise AttributeError for a name that a Trial does not have, with its remedy."""
+            text = f"{type(self).__name__!r} object has no attribute {name!r}"
+            if name[0] != "_" and "places" in vars(self):  # else of a copy that is not yet complete
+                try:
+                    self.find(name)
+                except KeyError as error:
+                    remedy = REMEDIES.get(name) or f"{error.args[0]}. Read a signal as in trial['knee.position']"
+                    text = f"a trial has no attribute {name!r}: {remedy}"
+            raise AttributeError(text, name=name, obj=self)
 
     def resample(self, rate: float) -> Trial:
         """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.

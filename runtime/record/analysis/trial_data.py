@@ -403,7 +403,12 @@ class TrialData:
         return max(0, (len(self._recording) if self._last is None else self._last) - self._first)
 
     def find(self, path: str) -> tuple[list[int], tuple[int, ...]]:
-        """Return (indices in the row, shape of a sample) of a signal, or of an element of it. Raises KeyError."""
+        """Return (indices in the row, shape of a sample) of a signal, or of an element of it. Raises KeyError.
+
+        Raises TypeError for anything but the path of one signal.
+        """
+        if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"a trial takes the path of one signal, as in trial['knee.position'], got {path!r}")
         if path in self.places:
             return [self.places[path]], ()
         indices = {place: split(name)[1] for name, place in self.places.items() if name.startswith(f"{path}[")}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import glob
 import os
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +23,7 @@ from runtime.record.storage.files import short_names
 from runtime.record.storage.parts import heads, newest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     import pandas
 
@@ -33,9 +34,9 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
     Raises BadInput.
     """
     if not isinstance(path, (str, os.PathLike)):
-        paths = [os.fspath(entry) for entry in path]
+        paths = [os.fspath(entry) for entry in path] if isinstance(path, Iterable) else []
         if not paths:
-            raise BadInput("load([]): name a recording, a pattern, or several recordings")
+            raise BadInput(f"load({path!r}): name a recording, a pattern, or several recordings")
         return Trials([Trial(entry) for entry in heads(paths)])
     path = os.path.expanduser(path)
     if os.path.exists(path) or not glob.has_magic(path):

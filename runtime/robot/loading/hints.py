@@ -8,6 +8,7 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping
+from dataclasses import FrozenInstanceError
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,12 @@ RUN = "run it with `python -m runtime FILE`, or with runtime.run(diagram, durati
 DIAGRAM_METHODS = {
     **dict.fromkeys(("run", "start", "simulate", "main", "execute"), RUN),
     "compile": "call compile(diagram), from graph import compile",
+    **dict.fromkeys(("draw", "plot"), "draw it with `python -m runtime draw FILE`"),
     **dict.fromkeys(("connect", "add_block", "add_connection"), "call a block with its inputs, as in block(signal)"),
 }
+
+
+BLOCKS_OF_DIAGRAM = 'its blocks are diagram["left/knee"], by their paths, and `for block in diagram`'
 
 
 def hint(path: str | os.PathLike[str], error: BaseException) -> str:
@@ -45,6 +50,8 @@ def hint(path: str | os.PathLike[str], error: BaseException) -> str:
     if isinstance(error, RecursionError):
         runs = [frame for frame in traceback.extract_stack() if frame.name == "execute"]
         return "the file runs itself: run it from another file, or in `if __name__ == '__main__':`" if runs[1:] else ""
+    if isinstance(error, FrozenInstanceError) and isinstance(names_at(error).get("self"), Signal):
+        return "a signal cannot be assigned to: connect it, as in block(signal)"
     if isinstance(error, AttributeError):
         return for_attribute(error)
     if isinstance(error, NameError):
@@ -82,7 +89,8 @@ def for_name(name: str, names: Mapping[str, Any]) -> str:
     if isinstance(block, Block) and name in block.parameters:
         return f"it is a parameter: read self.{name}"
     line = import_of(name)
-    return f"add the line `{line}`" if line else suggestion(name, names)
+    catalog = "`python -m runtime blocks` lists all blocks" if name[:1].isupper() else ""
+    return f"add the line `{line}`" if line else suggestion(name, names) or catalog
 
 
 def for_import(path: str | os.PathLike[str], error: ImportError) -> str:
@@ -119,9 +127,7 @@ def for_attribute(error: AttributeError) -> str:
     of: Any = error.obj
     name = error.name or ""
     if isinstance(of, Diagram):
-        return DIAGRAM_METHODS.get(name) or suggestion(name, dir(of))
-    if isinstance(of, Signal):
-        return "a signal has arithmetic, an index and .to(unit); its values are in the recording of a run"
+        return DIAGRAM_METHODS.get(name) or suggestion(name, dir(of)) or BLOCKS_OF_DIAGRAM
     if type(of).__name__ == "Outputs":
         return suggestion(name, of._fields) or f"its signals are {', '.join(of._fields)}"
     if not isinstance(of, Block):
@@ -180,6 +186,8 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
         return "take an input as an argument of the step, as in def step(self, angle)"
     if "operand" in text and issubclass(kind, Param):
         return "a parameter has a value in a block only: read it in a method, as in self.gain"
-    if "operand" in text and issubclass(kind, Block):
+    if re.search("operand|subscriptable|iterable", text) and issubclass(kind, Block):
+        if len(kind.outputs) > 1:
+            return f"choose one of its outputs: {', '.join(kind.outputs)}"
         return f"call the block to get its output, as in {kind.__name__}(...)()"
     return "end the step with `return`" if ".step returned None" in text else ""

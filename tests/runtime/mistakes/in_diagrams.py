@@ -116,12 +116,6 @@ OPERATIONS = (
         "x = knee.position",
         "'Signal' object is not callable; omit the parentheses",
     ),
-    in_drive(
-        "attribute of a signal",
-        "x = knee.position.value  # !",
-        "x = knee.position",
-        "'Signal' object has no attribute 'value'; a signal has arithmetic, an index and .to(unit)",
-    ),
 )
 
 WIRES = (

@@ -12,13 +12,14 @@ from graph import DiagramError
 from graph.signal_misuse import NUMPY, OPERATORS
 from runtime import check, load, optimise, run, study
 from runtime.host.errors import BadInput
+from tests.runtime.mistakes.in_attributes import ATTRIBUTES, VALUES
 from tests.runtime.mistakes.in_blocks import BLOCKS
 from tests.runtime.mistakes.in_diagrams import OPERATIONS, PARAMETERS, WIRES
 from tests.runtime.mistakes.in_files import FILES, IMPORTS_AND_NAMES
 from tests.runtime.mistakes.sources import COMMAND, LAW, diagram
 
 DURATION = 0.02  # s
-MISTAKES = (*OPERATIONS, *IMPORTS_AND_NAMES, *WIRES, *PARAMETERS, *FILES, *BLOCKS)
+MISTAKES = (*OPERATIONS, *IMPORTS_AND_NAMES, *WIRES, *PARAMETERS, *FILES, *BLOCKS, *ATTRIBUTES, *VALUES)
 
 
 @pytest.fixture
@@ -139,6 +140,14 @@ CALLS = {  # {expression: message of its exception}
     'trial["position"]': "did you mean 'knee.position'?",
     'trial["knee"]': "it is a block with the signals knee.active, knee.age",
     'trial["time"]': "it is the attribute time of the trial",
+    "trial[0]": "a trial takes the path of one signal, as in trial['knee.position'], got 0",
+    "trial[['knee.position']]": "a trial takes the path of one signal",
+    "trial.knee": "it is a block with the signals knee.active",
+    "trial.speed": "Read a signal as in trial['knee.position']",
+    "trial.to_pandas()": "call trial.table() for a pandas.DataFrame",
+    "trial.to_csv('a.csv')": "convert its file with `python -m runtime convert FILE --to csv`",
+    "trial.error": "read trial.fault",
+    "load(3)": "load(3): name a recording, a pattern, or several recordings",
     "Butterworth(2, 20.0).step(1.0)": "butterworth needs a sampling period",
     "slew.step(9.0)": "slew_rate needs a sampling period",
     "Impedance().step(1.0)": "Impedance takes position, velocity",
@@ -169,6 +178,6 @@ def test_mistakes_in_calls_are_reported(folder):
     names = {"Butterworth": Butterworth, "Impedance": Impedance, "load": load, "run": run, "slew": slew, "trial": trial}
     names |= {"optimise": optimise, "study": study, "check": check}
     for expression, message in CALLS.items():
-        with pytest.raises((BadInput, KeyError, TypeError)) as raised:
+        with pytest.raises((AttributeError, BadInput, KeyError, TypeError)) as raised:
             eval(expression, names)
         assert message in str(raised.value), expression
