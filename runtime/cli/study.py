@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from runtime.cli.parsing import Parser, add_count
+from runtime.cli.parsing import Parser, add_count, add_options
 from runtime.experiments.optimisation import description, simulated
 from runtime.experiments.optimisation.description import Optimisation
 from runtime.experiments.studies.description import Study, read, read_study
@@ -15,6 +15,7 @@ from runtime.experiments.studies.run import journal_of, run
 from runtime.host.console.terminal import print_lines, print_to_stderr
 from runtime.host.ending import Interrupted
 from runtime.host.errors import OK, BadInput
+from runtime.session.request import Request
 
 EPILOG = """\
 example of a study:
@@ -46,11 +47,13 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_count(parser, "--workers", "number of processes (default: one for each processor)")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this Dask scheduler: tcp://HOST:PORT")
-    parser.add_argument("--subject", metavar="FILE", help="limits for one person, which no trial exceeds")
+    add_options(parser, Request, "subject", subject={"help": "limits for one person, which no trial exceeds"})
     options = parser.parse_args(arguments)
     study = read(options.study, describe)
     if options.subject is not None:
-        study = replace(study, subject=options.subject)
+        if study.subject is not None:
+            raise BadInput(f"--subject {options.subject}: {options.study} has a subject file already: {study.subject}")
+        study = replace(study, subject=str(options.subject))
     output = options.output or Path(options.study.with_suffix(".parquet").name)
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: the name of the table must end in .parquet")

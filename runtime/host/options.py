@@ -43,6 +43,13 @@ def option(
     return field(default=default, metadata=metadata)
 
 
+def subject_file(texts: Sequence[str]) -> Path | None:
+    """Return the path of the subject file, None without one. Raises BadInput for two: the last would win."""
+    if texts[1:]:
+        raise BadInput(f"--subject was given twice, {' and '.join(texts)}: one file has the limits of a session")
+    return Path(texts[0]) if texts else None
+
+
 def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str], float]:
     """Return a converter of texts to numbers above 0. It raises BadInput.
 

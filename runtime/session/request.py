@@ -19,6 +19,7 @@ from runtime.host.options import (
     panel_address,
     processor,
     settings,
+    subject_file,
     trial_fields,
     whole_number,
 )
@@ -105,7 +106,8 @@ class Request:
     subject: Path | None = option(
         "--subject",
         default=None,
-        type=Path,
+        collect=subject_file,
+        action="append",
         metavar="FILE",
         help="limits for one person, signed by the principal investigator: no setting and no change exceeds them",
     )

@@ -150,11 +150,18 @@ class Subject:
             self.narrow(diagram[path], caps, undo)
             blocks[diagram[path]] = None
         for name, most in self.assistance.items():
-            for block, parameter in places_of(diagram, name, most) if "." in name else ():
+            for block, parameter in self.places(diagram, name) if "." in name else ():
                 self.lower(block, parameter, most, undo)
                 blocks[block] = None
         self.reconfigure(blocks)
         return undo.close
+
+    def places(self, diagram: Diagram, name: str) -> list[tuple[Any, str]]:
+        """Return (block, parameter) of an entry of `assistance`. Raises BadInput without one."""
+        try:
+            return places_of(diagram, name, "")
+        except BadInput as error:
+            raise BadInput(f"{self.file}: [assistance] {name}: {str(error).partition(': ')[2]}") from None
 
     def caps(self, diagram: Diagram) -> dict[str, Caps]:
         """Return {path: Caps} of the actuators of a diagram: of several that match, the smallest of each quantity."""

@@ -65,6 +65,7 @@ def test_check_lists_the_limits_of_a_subject_and_reports_what_they_contradict(tm
         ("", "it limits nothing"),
         ('[joint."kne"]\ntorque = 3', "has no such actuator; did you mean 'knee'?; its joints are knee"),
         ('[assistance]\n"limiter.limt" = 3', "no such parameter; did you mean 'limit'?"),
+        ('[assistance]\n"*.limt" = 3', "[assistance] *.limt: knee has no parameter that matches"),
         ('[joint."knee"]\nrange = [1, 2]', "have no angle in common"),
     ],
 )
@@ -72,6 +73,17 @@ def test_an_error_names_the_file_the_place_and_the_remedy(tmp_path, text, words)
     with pytest.raises(BadInput, match=r"subject\.toml") as error:
         runtime.run(robot(range=(-0.5, 0.5)), 0.1, subject=subject(tmp_path, text))
     assert words in str(error.value)
+
+
+def test_no_second_file_takes_the_place_of_the_first(tmp_path, command_line):
+    small, large = (subject(tmp_path, f'[joint."*"]\ntorque = {cap}\n', f"{cap}.toml") for cap in (3, 9))
+    for command in (["check", KNEE_EXO], [KNEE_EXO, "--fast"], ["study", "study.toml"]):
+        code, _, err = command_line(*command, "--subject", small, "--subject", large)
+        assert code == 2 and "--subject was given twice" in err and "3.toml and" in err, err
+    study = f'diagram = "{KNEE_EXO}"\nduration = 1\nsubject = "{small}"\n[grid]\nassistance = [1.0]\n'
+    study += '[objectives]\nwork = { function = "positive_work", leg = "left" }\n'
+    code, _, err = command_line("study", write(tmp_path, study, "study.toml"), "--subject", large)
+    assert code == 2 and "has a subject file already" in err, err
 
 
 def test_a_file_without_a_signature_or_of_another_version_is_refused(tmp_path):
