@@ -9,6 +9,7 @@ from pathlib import Path
 from runtime.cli.parsing import Parser
 from runtime.cli.rate import maker
 from runtime.host.console.terminal import print_lines, print_to_stderr
+from runtime.host.ending import Interrupted
 from runtime.host.errors import CHECK_FAILED, OK, BadInput
 from runtime.host.options import folder, number, whole_number
 
@@ -67,6 +68,11 @@ def main(arguments: Sequence[str]) -> int:
     attempt = OnRig(make, ids, rig, 60.0 * options.minutes, options.yes, "try", print_to_stderr, options.record)
     soak = Soak(attempt, options.rate, path, Machine())
     print_lines([f"{len(ids)} × {options.model} at {options.rate:g} Hz for {options.hours:g} h; report: {path}"])
-    passed = soak.run(3600.0 * options.hours, lambda line: print_lines([line]), options.full_card)
+    try:
+        passed = soak.run(3600.0 * options.hours, lambda line: print_lines([line]), options.full_card)
+    except Interrupted:
+        if soak.report["spells"]:
+            print_lines([f"report until then: {path}"])
+        raise
     print_lines([f"{'nothing was lost' if passed else 'something was lost: see above'}; report: {path}"])
     return OK if passed else CHECK_FAILED

@@ -171,9 +171,11 @@ def measure(
 
 @contextmanager
 def busy_processors() -> Iterator[None]:
-    """Context manager in which other processes keep every processor busy."""
+    """Context manager in which other processes keep every processor busy. Ctrl-C does not reach them."""
     busy = [sys.executable, "-c", "while True: pass"]
-    children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count() or 1)]
+    children = [
+        subprocess.Popen(busy, preexec_fn=end_with_parent, start_new_session=True) for _ in range(os.cpu_count() or 1)
+    ]
     try:
         yield
     finally:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -55,6 +56,7 @@ class Soak:
             "kernel": machine.kernel,
             "versions": versions(),
             "findings": [f"{each.name}: {each.found}" for each in examine(machine, Wants()) if each.verdict != "ok"],
+            "complete": False,
             "spells": [],
         }
 
@@ -68,6 +70,7 @@ class Soak:
             last = time.monotonic() + self.attempt.seconds >= until
             spell = self.spell(busy=len(self.report["spells"]) % 2 == 1, full=full_card and last)
             self.report["spells"].append(spell)
+            self.report |= {"hours": seconds / 3600.0, "complete": last and not spell["why"]}
             write(self.path, json.dumps(self.report, indent=1, ensure_ascii=False) + "\n")
             say(in_words(spell))
             if last or spell["why"]:
@@ -141,13 +144,12 @@ def read_clocks() -> tuple[float, float, float]:
 
 @contextmanager
 def filled(folder: Path) -> Iterator[None]:
-    """Context manager in which the file system of a folder is full but for LEFT bytes."""
-    path = folder / "ballast"
-    try:
-        with open(path, "xb") as file:
-            size = shutil.disk_usage(folder).free - LEFT
-            if size > 0:
-                os.posix_fallocate(file.fileno(), 0, size)
+    """Context manager in which the file system of a folder is full but for LEFT bytes, by a file without a name.
+
+    The system frees it, however this process ends.
+    """
+    with tempfile.TemporaryFile(dir=folder) as file:
+        size = shutil.disk_usage(folder).free - LEFT
+        if size > 0:
+            os.posix_fallocate(file.fileno(), 0, size)
         yield
-    finally:
-        path.unlink(missing_ok=True)

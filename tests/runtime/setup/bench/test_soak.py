@@ -1,10 +1,18 @@
 """`soak`: hours of a rig as seconds, on drives of another process."""
 
 import json
+import os
+import threading
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from runtime.setup.bench.soak import failed, filled
+from runtime.host.ending import Interrupted
+from runtime.host.machine.probe import Machine
+from runtime.setup.bench.clock import busy_processors
+from runtime.setup.bench.soak import Soak, failed, filled
 from tests.runtime.robot.guardian.bus import Bus
 from tests.runtime.runs import finished
 
@@ -43,5 +51,44 @@ def test_a_card_is_filled_but_for_a_little_and_free_again(tmp_path, monkeypatch)
     sizes = []
     monkeypatch.setattr("os.posix_fallocate", lambda descriptor, at, size: sizes.append(size))
     with filled(tmp_path):
-        assert (tmp_path / "ballast").exists() and sizes[0] > 0
-    assert not any(tmp_path.iterdir())
+        assert sizes[0] > 0
+        assert not any(tmp_path.iterdir()), "a file with a name outlives kill -9, and the card stays full"
+
+
+def test_an_incomplete_report_is_marked_and_a_jump_of_the_clock_is_named(tmp_path, monkeypatch):
+    """The wall clock goes back by an hour in the second spell; the third is interrupted."""
+    clocks = iter([(0.0, 50.0, 0.0), (10.0, 60.0, 10.0), (10.0, 60.0, 10.0), (20.0, -3530.0, 20.0), (20.0, 70.0, 20.0)])
+    monkeypatch.setattr("runtime.setup.bench.soak.read_clocks", lambda: next(clocks))
+    soak, said = Soak(Attempt(tmp_path / "soak", 2), 200.0, tmp_path / "report.json", Machine()), []
+    with pytest.raises(Interrupted):
+        soak.run(3600.0, said.append)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert [spell["clock jump"] for spell in report["spells"]] == [0.0, pytest.approx(-3600.0)]
+    assert report["complete"] is False and report["hours"] == 1.0 and "clock jumped by -3.6e+03 s" in said[1]
+    clocks = iter([(0.0, 50.0, 0.0), (10.0, 60.0, 10.0)])
+    soak = Soak(Attempt(tmp_path / "other", 2), 200.0, tmp_path / "whole.json", Machine())
+    assert soak.run(0.001, said.append) and json.loads((tmp_path / "whole.json").read_text())["complete"] is True
+
+
+def test_ctrl_c_does_not_reach_the_processes_that_keep_the_processors_busy():
+    listed = Path(f"/proc/self/task/{threading.get_native_id()}/children")
+    before = set(listed.read_text().split())
+    with busy_processors():
+        busy = set(listed.read_text().split()) - before
+        assert busy and all(os.getpgid(int(child)) != os.getpgid(0) for child in busy)
+
+
+class Attempt:
+    """OnRig whose spells lose nothing. spells : number of those before Ctrl-C"""
+
+    def __init__(self, folder, spells):
+        self.folder, self.left, self.seconds, self.ids = folder, spells, 10.0, [1]
+        self.rig = SimpleNamespace(path=folder.with_suffix(".toml"))
+        counts = SimpleNamespace(counts=lambda name: np.zeros(1))
+        self.result = SimpleNamespace(shared=counts, statistics={"dropped": 0}, recording={"problems": []})
+
+    def __call__(self, rate):
+        if self.left == 0:
+            raise Interrupted(2)
+        self.left -= 1
+        return SimpleNamespace(commands=1, missed=0, lost=0, why="")
