@@ -98,7 +98,10 @@ def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_p
     assert max(order["stiffness"] for order in orders) <= 1.8 + 0.13
     assert torques[-10] == pytest.approx(0.36, abs=2 * STEP) and max(torques) < 0.36 + 2 * STEP
     assert torques[0] == pytest.approx(0.0, abs=2 * STEP)
-    assert max(after - before for before, after in zip(torques, torques[1:])) < 3 * 1.8 * 0.4 / 200 + 2 * STEP
+    # without a fresh reply, as on a busy machine, a frame has neither gains nor torque
+    known = [torque for torque, order in zip(torques, orders) if order["stiffness"] or abs(order["torque"]) > STEP]
+    assert len(known) > 0.9 * len(torques)
+    assert max(after - before for before, after in zip(known, known[1:])) < 3 * 1.8 * 0.4 / 200 + 2 * STEP
     assert commands(drive)[-1] == DISABLE
 
 
