@@ -15,7 +15,7 @@ from typing import Any
 
 import graph
 from cext.user_text import text_of
-from graph import Actuator, Block, Diagram, Input, Param, Signal
+from graph import Actuator, Block, Diagram, Input, Param, Signal, subsystem
 from graph.declarations import Declaration
 from graph.hints import usual_command
 from runtime.host.installation_check import damaged_cache
@@ -128,6 +128,8 @@ def for_attribute(error: AttributeError) -> str:
     name = error.name or ""
     if isinstance(of, Diagram):
         return DIAGRAM_METHODS.get(name) or suggestion(name, dir(of)) or BLOCKS_OF_DIAGRAM
+    if isinstance(of, subsystem):
+        return BLOCKS_OF_DIAGRAM
     if type(of).__name__ == "Outputs":
         return suggestion(name, of._fields) or f"its signals are {', '.join(of._fields)}"
     if not isinstance(of, Block):

@@ -144,6 +144,8 @@ def check(
     panel = stopping_panel(diagram)
     analysis = call_code_of_blocks(path, examine, diagram)
     errors, plant = list(analysis.errors), None
+    if any(error.code == "TW010" for error in errors):  # what a block with a wrong parameter returns is not described
+        return report_of_refusal(path, errors)
     budget, overloads = None, []
     schedule = None if errors else select_recorded(call_code_of_blocks(path, assemble, analysis))
     if schedule is not None:

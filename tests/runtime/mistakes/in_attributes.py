@@ -71,6 +71,12 @@ ATTRIBUTES = (
         "diagram['knee'].position",
         "knee has no block 'knee.position': an output is diagram['knee'].position",
     ),
+    in_drive(
+        "block of a subsystem as an attribute",
+        "leg = subsystem('left')\nwith leg:\n    Sine()()\nx = leg.sine  # !",
+        "leg = subsystem('left')\nwith leg:\n    Sine()()",
+        'its blocks are diagram["left/knee"], by their paths',
+    ),
     after("drawing by a method", "diagram.draw()", "", "draw it with `python -m runtime draw FILE`"),
     after(
         "compile of a path",

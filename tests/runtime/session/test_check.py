@@ -325,6 +325,12 @@ def test_errors_are_reported_with_code_location_and_hint_and_exit_code_1(command
     assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == ("1 error, 0 warnings: the diagram cannot run")
 
 
+def test_a_parameter_that_was_assigned_a_wrong_value_fails_the_check(tmp_path):
+    path = write(tmp_path, KNEE.format(law="return 0.0") + '    knee.can_id = "two"\n')
+    [error] = check(path)["errors"]
+    assert error["code"] == "TW010" and error["message"] == "can_id: expected a number, got 'two'"
+
+
 def test_a_block_whose_construction_fails_fails_the_check(command_line):
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("limit=5.0", "limit=-5.0"))
     code, out, err = command_line("check", "robot.py", "--json")
