@@ -89,6 +89,8 @@ def read_columns(file: str, time: str, column: str) -> tuple[np.ndarray, np.ndar
     time, column : names of columns. OSError or ValueError if the file cannot be used.
     """
     table = read_table(file)
+    if time not in table.names:
+        raise ValueError(f"{file} has no column {time!r}: name that of the times, as in time={table.names[0]!r}")
     times, values = table.times(time), table.column(column)
     if np.any(np.isinf(values)) or not np.any(np.isfinite(values)):
         raise ValueError(f"{file}: column {column!r} must contain finite numbers")

@@ -147,6 +147,7 @@ def test_semicolons_tabs_uneven_times_and_a_start_that_is_not_zero(tmp_path):
     "text, said",
     [
         ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"),
+        ("t,u\n0,1\n1,2\n", "has no column 'time': name that of the times, as in time='t'"),
         ("time,u\n0,1\n1,x\n", "line 3: column 'u' does not contain a number"),
         ("time,u\n0,1\n1\n", "line 3"),
         ("time,u\n0,1\n", "at least two times"),
