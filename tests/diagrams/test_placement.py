@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 import runtime
 from blocks.wearer import SegmentIMU
+from graph import Actuator
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams.robots import path
@@ -68,6 +69,33 @@ ACROSS = [
     for pair in combinations([f"{side}/{name}" for side in SIDES for name in SEGMENTS if name in devices], 2)
     if pair[0].partition("/")[2] != pair[1].partition("/")[2]
 ]
+
+
+RANGES = {"hip": (-0.45, 1.6), "knee": (-0.1, 1.9), "abduction": (-0.5, 0.5)}  # rad, as a rig has them
+HIPS = ["hip_exo", "hip_exo_teensy", "hip_exo_1dof", "hip_exo_2dof", "hip_knee_exo", "m_blue"]
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("robot", soaked(HIPS, but=[0]))
+@pytest.mark.parametrize("alike", [False, True], ids=["mirrored", "alike"])
+def test_drives_with_exchanged_ids_end_the_run_before_any_torque(robot, alike):
+    """Mirrored drives leave the range of their joint; drives that are mounted alike disagree with the thighs."""
+    file, diagram = load(path(robot))
+    plant = build_plant(file, diagram)  # has the ids and the mounting of the table
+    drives = {block.path: block for block in diagram if isinstance(block, Actuator)}
+    for name, left in drives.items():
+        setattr(left, "range", RANGES[name.rpartition("/")[2]])  # of its model
+        if name.startswith("left"):
+            right = drives[name.replace("left", "right")]
+            for own in ("can_id", "invert", "offset")[: 3 if alike else 1]:
+                here, there = getattr(left, own), getattr(right, own)
+                setattr(left, own, there)
+                setattr(right, own, here)
+    for block in drives.values():
+        block.reconfigure()
+    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
+    assert trial.outcome.status == ("kernel status 64" if alike else "over-travel"), trial.outcome
+    assert max(np.abs(trial[f"{name}.torque_sent"]).max() for name in drives) < 0.01  # N·m
 
 
 @pytest.mark.hazard("H12f")
