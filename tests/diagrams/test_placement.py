@@ -1,6 +1,7 @@
 """Sensors of the wearer that are exchanged, turned or slip: a fault before torque acts in full."""
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,9 +83,9 @@ def test_drives_with_exchanged_ids_end_the_run_before_any_torque(robot, alike):
     """Mirrored drives leave the range of their joint; drives that are mounted alike disagree with the thighs."""
     file, diagram = load(path(robot))
     plant = build_plant(file, diagram)  # has the ids and the mounting of the table
-    drives = {block.path: block for block in diagram if isinstance(block, Actuator)}
+    drives: dict[str, Any] = {block.path: block for block in diagram if isinstance(block, Actuator)}
     for name, left in drives.items():
-        setattr(left, "range", RANGES[name.rpartition("/")[2]])  # of its model
+        left.range = RANGES[name.rpartition("/")[2]]
         if name.startswith("left"):
             right = drives[name.replace("left", "right")]
             for own in ("can_id", "invert", "offset")[: 3 if alike else 1]:
