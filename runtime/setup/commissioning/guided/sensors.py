@@ -114,9 +114,8 @@ def rest(bench: Bench, block: Any, given: Given) -> Result:
     """Measure rate, drop-outs, noise and bias of a sensor at rest."""
     ask("Put the robot down or stand still, then press Enter")
     motion = read(bench, REST_TIME).get(block.path)
-    return (
-        Result([], findings=[("silent", "the sensor does not respond")]) if motion is None else rest_of(block, motion)
-    )
+    silent = Result([], findings=[("silent", "the sensor does not respond")])
+    return silent if motion is None else rest_of(block, motion)
 
 
 def rest_of(block: Any, motion: Motion) -> Result:
@@ -145,13 +144,25 @@ def rest_of(block: Any, motion: Motion) -> Result:
         slow = len(arrivals) > 2 and float(np.median(np.diff(arrivals))) > SLOW_SHARE / block.rate
         name = "sample rate" if slow else "drop-outs"
         result.find(name, f"{share:.0%} of the samples at {block.rate:g} Hz arrived: check its rate, plug and cable")
-    if shake > STILL_ACCEL or spin > STILL_GYRO:
+    if shake > STILL_ACCEL and alternates(motion.accel):
+        result.find("two sensors with one address", "its values at rest alternate between two: give each its own")
+    elif shake > STILL_ACCEL or spin > STILL_GYRO:
         result.find("noisy sensor", f"noise of {shake:.2f} m/s² and {spin:.3f} rad/s at rest: check that it is tight")
     elif abs(strength - GRAVITY) > GRAVITY_TOLERANCE:
         result.find("scale of the sensor", f"{strength:.2f} m/s² at rest instead of {GRAVITY:g}: check its full scale")
     elif bias > BIAS:
         result.find("bias of the sensor", f"an angular rate of {bias:.3f} rad/s at rest: tare or calibrate it")
     return result
+
+
+def alternates(values: np.ndarray) -> bool:
+    """Return whether samples at rest are those of two sensors in turn. values : (n, 3)"""
+    new = values[[True, *np.diff(values, axis=0).any(axis=1)]]
+    along = new @ max(new - new[0], key=np.linalg.norm)
+    first = along <= 0.5 * (along.min() + along.max())
+    apart = along[~first].mean() - along[first].mean() > 10.0 * max(along[first].std(), along[~first].std())
+    often = (first[1:] != first[:-1]).mean() > 0.2
+    return bool(len(new) >= 20 and apart and often and 0.2 < first.mean() < 0.8)
 
 
 def bend(bench: Bench, block: Any, given: Given) -> Result:

@@ -66,6 +66,18 @@ def test_a_sensor_at_rest_is_compared_with_its_block(more, finding):
     assert [name for name, _ in result.findings] == ([] if finding is None else [finding]), result
 
 
+@pytest.mark.parametrize("in_turn", [1, 2, 40])
+def test_two_sensors_with_one_address_alternate_and_a_shaken_one_does_not(in_turn):
+    """Two sensors at rest, one tilted by 0.3 rad. One whose values stay for 0.4 s each is moved to and fro."""
+    still = motion(seconds=4.0, noise=0.02)
+    other = (still.time // (0.01 * in_turn)) % 2 > 0.0
+    tilted = np.array([[1.0, 0.0, 0.0], [0.0, math.cos(0.3), -math.sin(0.3)], [0.0, math.sin(0.3), math.cos(0.3)]])
+    both = Motion(still.time, np.where(other[:, None], still.accel @ tilted, still.accel), still.gyro, still.age)
+    [(name, _)] = sensors.rest_of(block(), both).findings
+    assert name == ("two sensors with one address" if in_turn < 40 else "noisy sensor")
+    assert not sensors.alternates(np.repeat(np.eye(3), 50, axis=0)), "a value that changes once or twice"
+
+
 def test_samples_that_arrive_in_bursts_are_no_drop_outs_where_the_sensor_counts_them():
     burst = motion(seconds=2.0, period=0.04)
     counted = Motion(burst.time, burst.accel, burst.gyro, burst.age, rate=100.0)
