@@ -149,20 +149,19 @@ class Bundle:
             if known.get("serials"):
                 raise BadInput(f"no folder {folder_of(rig['file'])}: run the command in the folder of the run")
             return ""
-        records, texts = {}, []
+        read, texts = {}, []
         for path in sorted(folder.glob("*.toml")):
             try:
                 record = of_text(path.read_text(encoding="utf-8"), path)
             except (BadInput, OSError, UnicodeDecodeError) as error:
                 self._problem(f"records.toml: {path.name}: {error}")
                 continue
-            records[record.device] = record
+            if known.get("serials", {}).get(record.device) == record.serial:
+                read[record.device] = record
             texts.append(f"# {path.name}\n{replace(record, signed={}).text()}")
-        if known.get("serials") and digest({path: records[path] for path in known["serials"] if path in records}) != (
-            known.get("sha256")
-        ):
+        if known.get("serials") and digest(read) != known.get("sha256"):
             texts.insert(0, "# CHANGED since the run: these are not the records that it has read\n")
-        self.persons.removed += ["records.toml: signed, comments"] * bool(records)
+        self.persons.removed += ["records.toml: signed, comments"] * bool(texts)
         return self.persons.scrub("\n".join(texts))
 
     def listing(self) -> list[str]:

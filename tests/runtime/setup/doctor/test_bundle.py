@@ -152,6 +152,10 @@ def test_records_are_found_beside_the_rig_from_any_folder(recording, tmp_path, m
 
     same = records({"serials": {"knee": "4F2A"}, "sha256": digest({"knee": record})})
     assert 'device = "knee"' in same and "Jones" not in same and "CHANGED" not in same
+    older = Record("90AB", "knee", "DriveBlock", "D80", signed={"name": NAME, "date": "2026-01-20"})
+    (tmp_path / "lab.records" / "90AB.toml").write_text(older.text())
+    both = records({"serials": {"knee": "4F2A"}, "sha256": digest({"knee": record})})
+    assert "# 90AB" in both and "CHANGED" not in both, "the run has read the other record of this joint"
     assert "CHANGED" in records({"serials": {"knee": "4F2A"}, "sha256": "other"})
     path.rename(tmp_path / "elsewhere" / path.name)
     path = tmp_path / "elsewhere" / path.name
@@ -160,7 +164,7 @@ def test_records_are_found_beside_the_rig_from_any_folder(recording, tmp_path, m
         records({"serials": {"knee": "4F2A"}, "sha256": "other"})
     (tmp_path / "moved" / "4F2A.toml").write_text("damaged")
     (tmp_path / "moved").rename(tmp_path / "lab.records")
-    assert "# 4F2A" not in records({"serials": {}})
+    assert "# 4F2A" not in records({"serials": {}}) and "# 90AB" in records({})
 
 
 def test_a_folder_that_takes_no_file_and_a_file_beside_the_recording_are_refused_in_a_line(recording, tmp_path):
