@@ -123,9 +123,11 @@ class SegmentPosture(Block):
 
     and after 1 s in which it has slipped: the difference has changed by more than `slip` from its mean over the last 30
     s of walking, of at least 5 s. Means have two stages of 0.6 s each. After 0.5 s of comparison, a pause of walking
-    starts them again, and they are compared after 3 s. From 1 s on, samples in which no pitch changes by more than 0.3
-    rad/s do not count, as in a stand. With one sensor, compare it with a `reference`: the flexion from
-    two sensors with a drive, or the pitch of the pelvis with 0. Limits: stairs that are climbed with one leg first, and
+    starts them again, and they are compared after 3 s and 2.3 strides. A stride is the time between
+    two instants at which a pitch rises above its mean; with strides of 1.1 to 3 s, the time constants grow in
+    proportion. From 1 s on, samples in which no pitch changes by more than 0.3 rad/s do not count, as in a stand. With
+    one sensor, compare it with a `reference`: the flexion from two sensors with a drive, or the pitch of the pelvis
+    with 0. Limits: stairs that are climbed with one leg first, and
     a gait that is more asymmetric than `difference`, are faults. NaN and infinity are not stored.
     """
 
@@ -141,7 +143,7 @@ class SegmentPosture(Block):
     left = Input("rad", "pitch of the segment of the left leg, or angle of the sensor")
     right = Input("rad", "the same of the right leg, or of the reference", default=0.0)
     enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
-    means = Memory((0.0,) * 13, "means of the pitches, times, and the pitches one tick before")
+    means = Memory((0.0,) * 19, "means of the pitches, times, strides, and the pitches one tick before")
 
     kernel = kernels.segment_posture
 

@@ -32,8 +32,9 @@ class GaitState(Block):
         with knees   −Σ mean(q ω) / (2 √(mean(q) mean(q ω²))); −0.05 and −0.3
 
     where ω is the velocity of the other knee, which extends in stance while this one is flexed in swing, and q the
-    square of the flexion of this one beyond its mean. `direction` is the number that is used, scaled to 0 where walking
-    ends and 1 where it may begin. For a robot with one leg, connect the rate of its shank.
+    square of the flexion of this one beyond its mean. A stand discards them, since the next steps may go the other way,
+    and walking begins half a stride after it at the earliest. `direction` is the number that is used, scaled to 0 where
+    walking ends and 1 where it may begin. For a robot with one leg, connect the rate of its shank.
 
     Limits: standing is not detected if the thighs sway faster than the limit; without shanks, stepping in place can
     count as walking; knees that hardly extend in stance, or an uneven gait, can count as the other direction. Direct
@@ -59,7 +60,7 @@ class GaitState(Block):
     confidence = Output("1", "confidence of the state", range=(0.0, 1.0))
     direction = Output("1", "evidence of walking forward, which begins above 1 and ends below 0; 0 without")
     knees = Memory(0.0, "1 if the velocities are those of knees")
-    evidence = Memory((0.0,) * 21, "moments of the velocities, stride of the left leg, and the decision")
+    evidence = Memory((0.0,) * 22, "moments of the velocities, stride of the left leg, and the decision")
     track = Memory(
         (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
     )

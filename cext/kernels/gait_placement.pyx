@@ -186,8 +186,12 @@ cdef enum:                              # statuses
     LEFT_SLIPPED = FIRST_OWN_STATUS + 4
     RIGHT_SLIPPED = FIRST_OWN_STATUS + 5
 
-cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means
-cdef double MEAN_AFTER = 3.0            # s of samples from which they are compared
+cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means, in strides of at most
+cdef double POSTURE_STRIDE = 1.1        # s; it grows in proportion to longer ones,
+cdef double LONGEST_MEAN_STRIDE = 3.0   # s, up to this
+cdef double MEAN_AFTER = 3.0            # s of samples from which they are compared,
+cdef double MEAN_STRIDES = 2.3          # and strides
+cdef double CROSSING = 0.05             # rad, by which a pitch leaves its mean before it counts as above or below it
 cdef double STAND_AFTER = 1.0           # s of samples from which a stand does not count
 cdef double SLIP_TIME = 1.0             # s of a changed posture that are a fault
 cdef double USUAL_TIME = 30.0           # s, time constant of the usual posture
@@ -198,7 +202,7 @@ cdef struct Posture:
     int32_t left, right, enable, lowest, highest, difference, slip
     int32_t means               # see below
 
-POSTURE = items((<Posture *>ITEMS)[0], "means[13]")
+POSTURE = items((<Posture *>ITEMS)[0], "means[19]")
 
 cdef enum:
     STAGE = 0                   # first stage of the means of left and right,
@@ -210,13 +214,35 @@ cdef enum:
     POSTURES = 9                # s of comparison,
     AGAIN = 10                  # and since a pause
     BEFORE = 11                 # left and right, one tick before
+    ABOVE = 13                  # 1 while left, then right are above their means
+    STRIDE = 15                 # s between the last two times at which they rose above them,
+    RISEN = 17                  # and since the last one, 0 without it
+
+
+cdef inline double stride_of(double *m, int i, double x, double dt) noexcept nogil:
+    """Return the duration of the present stride of a pitch so far, or of the last one if that is longer, in s.
+
+    i : 0 left, 1 right; x : pitch; dt : s of motion since the last tick
+    """
+    if m[RISEN + i] > 0.0:
+        m[RISEN + i] += dt
+    if x < m[MEAN + i] - CROSSING:
+        m[ABOVE + i] = 0.0
+    elif x > m[MEAN + i] + CROSSING and m[ABOVE + i] == 0.0:
+        if m[RISEN + i] > 0.0:
+            m[STRIDE + i] = m[RISEN + i]
+        m[ABOVE + i] = 1.0
+        m[RISEN + i] = dt
+    return max(m[STRIDE + i], m[RISEN + i])
 
 
 cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) noexcept nogil:
     cdef double *m = arena + at.means
     cdef double x[2]
     cdef double moved[2]
-    cdef double share, difference
+    cdef double share, difference, stride
+    cdef bint unmeasured = False
+    cdef double dt = arena[DT]
     cdef double centre = 0.5 * (arena[at.lowest] + arena[at.highest])
     cdef int i
     cdef int status = OK
@@ -225,19 +251,21 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     if not is_finite(x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
         return OK
     if pauses(arena[at.enable], arena[DT], m + POSTURES, m + AGAIN):
-        m[TIME] = m[ASTRAY] = 0.0
+        m[TIME] = m[ASTRAY] = m[RISEN] = m[RISEN + 1] = 0.0
         return OK
-    # 1. Means of two stages, which weigh the first samples alike.
-    m[TIME] += arena[DT]
-    share = arena[DT] / min(m[TIME], POSTURE_TIME)
+    # 1. Means of two stages, which weigh the first samples alike, and hardly contain the motion within a stride.
+    m[TIME] += dt
     # A stand does not count once the legs have moved: it may end with one leg before the other.
-    if m[TIME] > STAND_AFTER and max(fabs(x[0] - m[BEFORE]), fabs(x[1] - m[BEFORE + 1])) < STILL_RATE * arena[DT]:
-        share = 0.0
+    if m[TIME] > STAND_AFTER and max(fabs(x[0] - m[BEFORE]), fabs(x[1] - m[BEFORE + 1])) < STILL_RATE * dt:
+        dt = 0.0
+    stride = min(LONGEST_MEAN_STRIDE, max(stride_of(m, 0, x[0], dt), stride_of(m, 1, x[1], dt)))
+    share = dt / min(m[TIME], POSTURE_TIME * max(1.0, stride / POSTURE_STRIDE))
     for i in range(2):
+        unmeasured |= m[STRIDE + i] == 0.0 and 0.0 < m[RISEN + i] < LONGEST_MEAN_STRIDE
         m[BEFORE + i] = x[i]
         m[STAGE + i] += share * (x[i] - m[STAGE + i])
         m[MEAN + i] += share * (m[STAGE + i] - m[MEAN + i])
-    if arena[at.enable] == 0.0 or m[TIME] < MEAN_AFTER:
+    if arena[at.enable] == 0.0 or unmeasured or m[TIME] < max(MEAN_AFTER, MEAN_STRIDES * stride):
         return OK
     # 2. The usual posture in walking.
     m[WALKED] += arena[DT]

@@ -18,6 +18,7 @@ cdef double DIRECTION_SHARE = 0.9       # of a stride, time constant of the evid
 cdef double FIRST_STRIDE = 1.1          # s, until a stride was measured
 cdef double SHORTEST_STRIDE = 0.5       # s, between two beginnings of the left phase
 cdef double LONGEST_STRIDE = 3.0
+cdef double DIRECTION_AFTER = 0.5       # of a stride since a stand, in which each leg moves either way
 cdef double SHANK_LOW = 0.3             # evidence below which the wearer no longer walks forward,
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
@@ -53,12 +54,13 @@ cdef enum:
     WEIGHT = 15                 # means of the weight of each knee,
     WEIGHTED = 17               # of its product with the velocity of the other knee,
     WEIGHTED_SQUARE = 19        # and with the square of that
+    MOVED = 21                  # strides since the last stand
 
 
 cdef inline bint forward(double *arena, const Direction *at, double phase, double left, double right) noexcept nogil:
     """Return whether the legs move as in walking forward. phase : of the left leg; left, right : velocities"""
     cdef double *m = arena + at.evidence
-    cdef double share, rate, other, x, y, variances
+    cdef double stride, share, rate, other, x, y, variances
     cdef double evidence = INFINITY
     cdef double knees = 0.0
     cdef int side
@@ -69,7 +71,9 @@ cdef inline bint forward(double *arena, const Direction *at, double phase, doubl
             m[PERIOD] = min(LONGEST_STRIDE, m[AGE])
         m[AGE] = 0.0
     m[LAST] = phase
-    share = min(1.0, arena[DT] / (DIRECTION_SHARE * (m[PERIOD] if m[PERIOD] > 0.0 else FIRST_STRIDE)))
+    stride = m[PERIOD] if m[PERIOD] > 0.0 else FIRST_STRIDE
+    share = min(1.0, arena[DT] / (DIRECTION_SHARE * stride))
+    m[MOVED] = min(1.0, m[MOVED] + arena[DT] / stride)
     # 2. A shank swings forward faster than it turns back in stance: its rate is skewed.
     for side in range(2):
         rate = arena[at.right_shank_velocity if side else at.left_shank_velocity]
@@ -106,9 +110,17 @@ cdef inline bint forward(double *arena, const Direction *at, double phase, doubl
             if variances > 0.0:
                 knees -= 0.5 * m[WEIGHTED + side] / sqrt(variances)
         evidence = (knees - KNEE_LOW) / (KNEE_HIGH - KNEE_LOW)
-    m[FORWARD] = evidence >= 1.0 or (m[FORWARD] != 0.0 and evidence >= 0.0)
+    m[FORWARD] = (evidence >= 1.0 and m[MOVED] >= DIRECTION_AFTER) or (m[FORWARD] != 0.0 and evidence >= 0.0)
     arena[at.direction] = evidence if is_finite(evidence) else 0.0
     return m[FORWARD] != 0.0
+
+
+cdef inline void forget(double *m) noexcept nogil:
+    """Discard the evidence of the direction: the next steps may go the other way."""
+    cdef int i
+    for i in range(MOVED + 1):
+        if i < AGE or i > LAST:
+            m[i] = 0.0
 
 
 cdef struct State:
@@ -118,7 +130,7 @@ cdef struct State:
     int32_t track               # see below
     int32_t apart               # see below
 
-STATE = items((<State *>ITEMS)[0], "evidence[21] track[6] apart[9]")
+STATE = items((<State *>ITEMS)[0], "evidence[22] track[6] apart[9]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
@@ -211,6 +223,8 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
         apart = 0.5
     track[APART] += share * (apart - track[APART])
     arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
+    if arena[at.standing] != 0.0:
+        forget(arena + at.direction.evidence)
     arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and steady \
         and track[APART] < arena[at.tolerance]
     arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]

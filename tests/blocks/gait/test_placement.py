@@ -112,3 +112,26 @@ def test_a_sensor_that_is_turned_or_slips_is_a_fault(segment, changed, status, t
     if changed:
         assert text in diagram["monitor"].fault_text(int(trial.outcome.status.split()[-1]))
         assert trial.time[-1] < (5.0 if changed[0] in pitches else 24.0 + changed[1])
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("stride", [1.6, 2.0, 2.4])
+@pytest.mark.parametrize("turned", [None, "left", "right"])
+def test_a_turned_sensor_is_a_fault_in_long_strides_and_their_motion_is_not(turned, stride):
+    """stride : s; the walk is compared from each eighth of its first stride on, with a shank turned by 20° or none."""
+    walk = {leg.name: leg for leg in legs(shared("gait/healthy_young.csv"), {})}
+    own = np.median(np.diff(play(walk["left"], "steady", RATE).strikes))  # s
+    for begin in own * np.arange(8) / 8.0:
+        with Diagram("posture", RATE) as diagram:
+            inputs = {}
+            for name, leg in walk.items():
+                at = begin + np.arange(0.0, 20.0, 1.0 / RATE) * own / stride
+                pitch = np.interp(at, leg.time - leg.time[0], leg.angles["shank"])
+                inputs[name] = player(pitch + np.radians(20.0) * (name == turned), "rad")
+            SegmentPosture("shank IMU", lowest=-0.79, highest=0.79, name="monitor")(**inputs)
+        trial = run(diagram, int(19.0 * RATE))
+        if turned:
+            assert trial.outcome.status == f"kernel status {66 + (turned == 'right')}"
+            assert trial.time[-1] < 3.0 * stride + 1.0
+        else:
+            assert trial.outcome.status == "ok", (begin, trial.outcome)

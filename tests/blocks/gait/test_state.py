@@ -321,3 +321,30 @@ def test_the_same_motion_backward_is_not_walking(recording, motion, shanks, larg
     assert forward["walking"][late].all() and forward["direction"][late].min() > 1.5
     assert not backward["walking"][late].any() and backward["direction"][late].max() < largest
     assert (backward["confidence"][late] == 0.0).all()
+
+
+@pytest.mark.hazard("H12e")
+@pytest.mark.parametrize("shanks", [(), ("left", "right")])
+@pytest.mark.parametrize("stride", [1.1, 2.0])
+def test_steps_backward_after_a_walk_and_a_stand_are_not_walking_from_the_first_one_on(shanks, stride):
+    """While the phases say at once that the legs walk; a walk forward begins within a stride. stride : s"""
+    walk = walk_of("")
+    own = np.median(np.diff(walk["left"].strikes))  # s
+    ticks, stand = int(9.0 * RATE), int(1.5 * RATE)
+    moved = np.arange(0.0, ticks) / RATE * own / stride
+    for begin in own * (3.0 + np.arange(8) / 8.0):
+        signals, sides = {}, {"left": 0.0, "right": 0.5}
+        for kind, names in (("thigh", sides), ("shank", shanks)):
+            for side in names:
+                rate = walk[side].signals[f"{kind}_velocity"] * own / stride
+                forward, again = (np.interp(at + moved, walk[side].time, rate) for at in (3.0, begin))
+                backward = -np.interp(begin + moved[::-1], walk[side].time, rate)
+                name = f"{side}_{'shank_' * (kind == 'shank')}velocity"
+                signals[name] = np.concatenate((forward, np.zeros(stand), backward, np.zeros(stand), again))
+        for side, apart in sides.items():
+            signals[f"{side}_phase"] = (np.arange(len(signals["left_velocity"])) / RATE / stride + apart) % 1.0
+            signals[f"{side}_walking"] = np.ones(len(signals["left_velocity"]), dtype=bool)
+        walking = inside(GaitState, **signals)["walking"]
+        parts = np.split(walking, np.cumsum([ticks, stand, ticks, stand]))
+        assert parts[0][-1] and not parts[2].any()
+        assert parts[4][int(stride * RATE) :].all()
