@@ -1,7 +1,7 @@
 """Fit the walking adult to a recording: `python -m blocks.wearer.fit WALK.csv PERSON.json`.
 
 The recording is one that the Walker plays. The adult has the median stride of both legs, as the difference from the
-average adult with the same stride time, in 12 harmonics; `Walker(person="PERSON.json")` walks so at every speed.
+average adult at the same walking speed, in 12 harmonics; `Walker(person="PERSON.json")` walks so at every speed.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from blocks.wearer.tables import entry_of
 
 NUMBERS = 33  # of a sample
 LEAST_STRIDES = 5  # of each leg
+SPEED_STEPS = 12
 
 
 def strides(file: str) -> tuple[float, list[Real]]:
@@ -52,20 +54,31 @@ def fit(file: str) -> tuple[dict[str, list[float]], list[str]]:
     """Return (series of the difference of each angle from the average adult in rad, lines on what does not fit)."""
     stride_time, legs = strides(file)
     medians = np.array([np.median(leg, axis=0) for leg in legs])
-    curves, entry = medians.mean(axis=0), entry_of(stride_time)
-    apart = [series(curve - values(usual)) for curve, usual in zip(curves, entry["angles"])]
-    zero, apart[2][0] = apart[2][0], 0.0
-    made = adult(entry, np.zeros(len(COMPONENTS[0])), apart)
+    curves, usual_time = medians.mean(axis=0), stride_time
+    for _ in range(SPEED_STEPS):  # to the speed at which legs with these angles take strides of that time
+        usual_time *= stride_time / walking(curves, usual_time)[0]["stride_time"]
+    made, apart, zero = walking(curves, usual_time)
     return dict(zip(JOINTS, (each.tolist() for each in apart))), list(
-        report(stride_time, legs, medians, [values(each) for each in made["angles"]], float(made["stride_time"]), zero)
+        report(stride_time, legs, medians, [values(each) for each in made["angles"]], float(made["speed"]), zero)
     )
 
 
+def walking(curves: Real, usual_time: float) -> tuple[dict[str, Any], list[Real], float]:
+    """Return the adult with angles, series of the difference from the average adult in rad, and zero of the ankle.
+
+    curves : rad, of shape (3, len(PHASES)); usual_time : s, stride time of the average adult at that speed
+    """
+    entry = entry_of(usual_time)
+    apart = [series(curve - values(usual)) for curve, usual in zip(curves, entry["angles"])]
+    zero, apart[2][0] = apart[2][0], 0.0
+    return adult(entry, np.zeros(len(COMPONENTS[0])), apart), apart, float(zero)
+
+
 def report(
-    stride_time: float, legs: list[Real], medians: Real, fitted: list[Real], own_time: float, zero: float
+    stride_time: float, legs: list[Real], medians: Real, fitted: list[Real], speed: float, zero: float
 ) -> Iterator[str]:
     """Yield the lines on a fit: peaks of the median strides of both legs beside those of the fitted adult."""
-    yield f"{len(legs[0])} left and {len(legs[1])} right strides of {stride_time:.2f} s"
+    yield f"{len(legs[0])} left and {len(legs[1])} right strides of {stride_time:.2f} s, at {speed:.2f} m/s"
     for joint, curve in enumerate(fitted):
         recorded = np.mean([figures(leg[joint], stride_time) for leg in medians], axis=0)
         ratios = figures(curve, stride_time) / recorded - 1.0
@@ -80,7 +93,6 @@ def report(
     within = np.degrees([leg.std(axis=0).mean(axis=1) for leg in legs]).mean(axis=0)
     yield "  variation of the strides (SD): " + ", ".join(f"{j} {d:.1f}°" for j, d in zip(JOINTS, within))
     yield f"  zero of the ankle angle, {np.degrees(zero):+.0f}° from that of the average adult"
-    yield f"  stride time: {own_time:.2f} s at the speed at which the average adult has {stride_time:.2f} s"
     yield "  ground forces and torques: those of the average adult, and what the angles change of them"
 
 
