@@ -25,7 +25,7 @@ from blocks.wearer.tables import entry_of
 
 NUMBERS = 33  # of a sample
 LEAST_STRIDES = 5  # of each leg
-SPEED_STEPS = 12
+SPEED_STEPS = 8
 
 
 def strides(file: str) -> tuple[float, list[Real]]:
@@ -56,7 +56,7 @@ def fit(file: str) -> tuple[dict[str, list[float]], list[str]]:
     medians = np.array([np.median(leg, axis=0) for leg in legs])
     curves, usual_time = medians.mean(axis=0), stride_time
     for _ in range(SPEED_STEPS):  # to the speed at which legs with these angles take strides of that time
-        usual_time *= stride_time / walking(curves, usual_time)[0]["stride_time"]
+        usual_time *= math.sqrt(stride_time / walking(curves, usual_time)[0]["stride_time"])  # a full step oscillates
     made, apart, zero = walking(curves, usual_time)
     return dict(zip(JOINTS, (each.tolist() for each in apart))), list(
         report(stride_time, legs, medians, [values(each) for each in made["angles"]], float(made["speed"]), zero)
