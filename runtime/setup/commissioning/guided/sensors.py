@@ -157,7 +157,7 @@ def rest_of(block: Any, motion: Motion) -> Result:
 
 def alternates(values: np.ndarray) -> bool:
     """Return whether samples at rest are those of two sensors in turn. values : (n, 3)"""
-    new = values[[True, *np.diff(values, axis=0).any(axis=1)]]
+    new = values[np.append(True, np.any(np.diff(values, axis=0), axis=1))]
     along = new @ max(new - new[0], key=np.linalg.norm)
     first = along <= 0.5 * (along.min() + along.max())
     apart = along[~first].mean() - along[first].mean() > 10.0 * max(along[first].std(), along[~first].std())
