@@ -55,7 +55,8 @@ class Times:
     before: list[float] = field(default_factory=list)  # from the grid time of its tick to the call of `put`
     after: list[float] = field(default_factory=list)  # from the call to the subscriber
     loads: list[float] = field(default_factory=list)  # load average, of each chunk
-    late: list[float] = field(default_factory=list)  # lateness of each tick, of the run alone
+    late: list[float] = field(default_factory=list)  # of `before`, until the loop had woken for that tick; of the run
+    added: list[float] = field(default_factory=list)  # the rest of it: the work of the tick, and the bridge
 
 
 @contextmanager
@@ -105,6 +106,7 @@ def chunk(
     times: Times, place: str, seconds: float, robot: Path | None, folder: Path, sizes: list[int] | None = None
 ) -> list[int]:
     """Add the messages of one chunk. Returns the size of each message of a tick. robot : None for Zenoh alone"""
+    trial = None
     with helper("subscriber", place, str(DOMAIN)) as subscriber:
         if robot is None:
             words = [place, str(DOMAIN), str(RATE), str(round(seconds * RATE)), json.dumps(sizes)]
@@ -113,7 +115,6 @@ def chunk(
         else:
             with redirect_stdout(io.StringIO()):
                 trial = runtime.run(robot, seconds, fast=False, record=str(folder / "recordings"))
-            times.late += trial.lateness[round(SETTLED * RATE) :].tolist()
         times.loads.append(os.getloadavg()[0])
         listed = json.loads(subscriber.communicate(b"\n")[0])  # [grid time, time of `put`, arrival, bytes], ns
     measured = np.array([row[:3] for row in listed], dtype=np.int64)
@@ -122,4 +123,9 @@ def chunk(
     grid, put, arrival = measured[measured[:, 0] >= measured[0, 0] + round(SETTLED * 1e9)].T
     times.before += ((put - grid) * 1e-9).tolist()
     times.after += ((arrival - put) * 1e-9).tolist()
+    if trial is not None:  # the last message is of the last tick
+        ticks = trial.tick[-1] - np.rint((grid[-1] - grid) * 1e-9 * RATE).astype(int)
+        late = trial.lateness[np.searchsorted(trial.tick, ticks)]
+        times.late += late.tolist()
+        times.added += ((put - grid) * 1e-9 - late).tolist()
     return [row[3] for row in listed if row[0] == listed[-1][0]]

@@ -36,8 +36,9 @@ def measure_and_print(arguments: Sequence[str]) -> Report:
     for name, times in results.items():
         for part, label in (
             ("before", "grid time to put"),
+            ("late", "of it, lateness of the tick"),
+            ("added", "of it, tick and bridge"),
             ("after", "put to subscriber"),
-            ("late", "of it, lateness"),
         ):
             if values := getattr(times, part):
                 rows[f"{name}: {label}"] = figures(values)
