@@ -22,6 +22,7 @@ from runtime.host.ros2_messages import type_hash
 QOS = "::,10:,:,:,,"  # reliable, volatile, the last 10, without deadline, lifespan and lease
 ATTACHMENT = Struct("<qqB16s")  # sequence number, ns since 1970, length and bytes of the publisher's ID
 ROUTER_TIMEOUT = 2.0  # s
+QUEUE = 16  # messages that wait for the sending thread, by default 2, which one tick fills; more are dropped
 
 
 def named(text: str) -> str:
@@ -56,6 +57,7 @@ class Node:
             "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
             "listen/endpoints": ["tcp/localhost:0"],
             "scouting/multicast/enabled": False,
+            "transport/link/tx/queue/size/data": QUEUE,
         }
         config = zenoh.Config()
         try:
