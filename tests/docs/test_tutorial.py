@@ -106,8 +106,7 @@ def test_a_silent_drive_ends_the_run_and_the_operator_the_stop(tmp_path):
         terminal.run("exo.py", "--rig", "lab.toml", "--record", "fault", *patient, cwd=tmp_path)
         terminal.wait_for(r"press Enter to arm[^\r]*[\r\n]+.*ready")
         time.sleep(0.4)  # a key before the table has been shown arms nothing
-        terminal.press(b"\n")
-        terminal.wait_for("running")
+        terminal.answer(b"\n", "running")
         reader.emulator.send_signal(signal.SIGINT)
         terminal.wait_for("Ctrl-C ends them")
         printed = plain(terminal.look())
