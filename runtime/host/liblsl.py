@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from ctypes import CDLL, POINTER, byref, c_char_p, c_double, c_int32, c_ulong, c_void_p
 from ctypes.util import find_library
 from dataclasses import dataclass
@@ -58,9 +59,10 @@ _SIGNATURES = {
     "lsl_pull_sample_d": (c_double, c_void_p, POINTER(c_double), c_int32, c_double, POINTER(c_int32)),
     "lsl_push_chunk_dtnp": (c_int32, c_void_p, c_void_p, c_ulong, c_void_p, c_int32),
     "lsl_push_sample_strtp": (c_int32, c_void_p, POINTER(c_char_p), c_double, c_int32),
-    "lsl_resolve_byprop": (c_int32, POINTER(c_void_p), c_int32, *_TEXTS, c_int32, c_double),
+    "lsl_resolve_bypred": (c_int32, POINTER(c_void_p), c_int32, c_char_p, c_int32, c_double),
     "lsl_set_config_content": (None, c_char_p),
     "lsl_time_correction": (c_double, c_void_p, c_double, POINTER(c_int32)),
+    "lsl_was_clock_reset": (c_int32, c_void_p),
 }  # fmt: skip
 
 
@@ -167,16 +169,19 @@ class StreamInfo:
     source: str
 
 
-def found(name: str, source: str = "") -> list[StreamInfo]:
-    """Return the streams of a name and a source_id, of which one may be empty. Raises MissingExtra."""
+def found(name: str, source: str = "", enough: int = 64) -> list[StreamInfo]:
+    """Return the streams of a name and a source_id, of which one may be empty. Raises MissingExtra.
+
+    enough : number of streams of the source_id, or of the name without one, after which the search ends
+    """
     library, handles = load("an inlet"), (c_void_p * 64)()
-    key, value = (b"source_id", source) if source else (b"name", name)
-    count = library.lsl_resolve_byprop(handles, len(handles), key, value.encode(), len(handles), RESOLVE_TIME)
+    predicate = f"source_id={quoted(source)}" if source else f"name={quoted(name)}"
+    count = library.lsl_resolve_bypred(handles, len(handles), predicate.encode(), enough, RESOLVE_TIME)
     infos = [
-        StreamInfo(handle, library.lsl_get_hostname(handle).decode(), library.lsl_get_source_id(handle).decode())
-        for handle in handles[:count]
+        StreamInfo(handle, text_of(library.lsl_get_hostname(handle)), text_of(library.lsl_get_source_id(handle)))
+        for handle in handles[: max(0, count)]  # it is a negative error code
     ]
-    return [info for info in infos if not name or library.lsl_get_name(info.handle).decode() == name]
+    return [info for info in infos if not name or text_of(library.lsl_get_name(info.handle)) == name]
 
 
 class Inlet:
@@ -202,9 +207,9 @@ class Inlet:
         channel = library.lsl_child(library.lsl_child(library.lsl_get_desc(whole), b"channels"), b"channel")
         channels: list[list[str]] = []
         for _ in range(self.width):
-            channels.append([library.lsl_child_value_n(channel, key).decode() for key in (b"label", b"unit")])
+            channels.append([text_of(library.lsl_child_value_n(channel, key)) for key in (b"label", b"unit")])
             channel = library.lsl_next_sibling_n(channel, b"channel")
-        name = library.lsl_get_name(whole).decode()
+        name = text_of(library.lsl_get_name(whole))
         self.about: dict[str, Any] = {
             "name": name, "host": info.host, "source": info.source, "rate": self.rate, "channels": channels
         }  # fmt: skip
@@ -227,6 +232,26 @@ class Inlet:
         samples += [self.values[at : at + self.width] for at in range(0, count, self.width)]
         return samples, stamps + self.stamps[: count // self.width]
 
+    def was_replaced(self) -> bool:
+        """Return whether liblsl has connected to another outlet of the source_id since the last call."""
+        return bool(load("an inlet").lsl_was_clock_reset(self.handle))
+
+    def has_same_channels(self) -> bool | None:
+        """Return whether the present outlet has the channels and the rate of the first; None if it does not respond.
+
+        liblsl keeps the description of the first one.
+        """
+        for info in found(self.about["name"], self.about["source"], enough=1):
+            with suppress(OSError):
+                present = Inlet(info)
+                present.close()
+                return all(present.about[key] == self.about[key] for key in ("channels", "rate"))
+        return None
+
+    def close(self) -> None:
+        """Close the inlet."""
+        load("an inlet").lsl_destroy_inlet(self.handle)
+
     def clock(self) -> float:
         """Return the time in s of the LSL clock of this computer."""
         return self.library.lsl_local_clock()
@@ -236,3 +261,15 @@ class Inlet:
         error = c_int32()
         value = self.library.lsl_time_correction(self.handle, CORRECTION_TIMEOUT, byref(error))
         return None if error.value else value
+
+
+def quoted(text: str) -> str:
+    """Return a text as a literal of XPath, which has no escapes."""
+    parts = [f"'{part}'" for part in text.split("'")]
+    joined = """, "'", """.join(parts)
+    return f"concat({joined})" if len(parts) > 1 else joined
+
+
+def text_of(data: bytes) -> str:
+    """Return a text of a stream. Not every sender encodes it as UTF-8."""
+    return data.decode(errors="replace")

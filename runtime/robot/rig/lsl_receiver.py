@@ -42,7 +42,10 @@ def main(answers: int, control: int, passed: int) -> None:
     os.write(answers, json.dumps(answer).encode() + b"\n")
     order = sys.stdin.readline()
     if isinstance(inlet, Inlet) and order:
-        receive(inlet, socket.socket(fileno=passed), control, **json.loads(order))
+        try:
+            receive(inlet, socket.socket(fileno=passed), control, **json.loads(order))
+        except OSError as error:
+            sys.exit(f"tickwork: stream {inlet.about['name']!r}: {error.strerror}")
 
 
 def find(stream: str, source: str) -> Inlet | dict[str, Any]:
@@ -66,21 +69,28 @@ def receive(
     rectify: float,
     max_delay: float,
 ) -> None:
-    """Pass samples on until a process has ended. control : pidfd of the control process"""
+    """Pass samples on until a process has ended. control : pidfd of the control process
+
+    After a restart of the sender, samples are passed on if it has the same channels.
+    """
     passed.setblocking(False)
     ended = select.poll()
     ended.register(control, select.POLLIN)
-    counter, corrected, offset = 0, -math.inf, None
+    counter, corrected, offset, same = 0, -math.inf, None, True
     envelope = Rectified(len(places), rectify, inlet.rate) if rectify else None
     while not ended.poll(0):
         samples, stamps = inlet.pull(WAIT)
         if not stamps:
             continue
         now = inlet.clock()
+        if inlet.was_replaced():
+            corrected, same = -math.inf, None
+        if same is None:
+            same = inlet.has_same_channels()
         if now - corrected > CORRECTION_PERIOD:
             corrected, offset = now, inlet.correction()
         counter = (counter + 1) % 256
-        if offset is None:
+        if offset is None or not same:
             continue
         now = inlet.clock()  # the first correction takes a while
         taken = [
@@ -110,12 +120,13 @@ class Rectified:
         self.passed = [0.0] * width
 
     def of(self, samples: Sequence[Sequence[float]]) -> list[float]:
-        """Return the mean of each channel. samples : those that arrived together"""
+        """Return the mean of each channel. samples : those that arrived together. A channel restarts after NaN."""
         sums = [0.0] * len(self.passed)
         for sample in samples:
             before = self.before or sample
             for channel, (value, last) in enumerate(zip(sample, before)):
-                self.passed[channel] = self.share * (self.passed[channel] + value - last)
-                sums[channel] += abs(self.passed[channel])
+                change = value - last
+                self.passed[channel] = self.share * (self.passed[channel] + change) if math.isfinite(change) else 0.0
+                sums[channel] += abs(self.passed[channel]) if math.isfinite(value) else math.nan
             self.before = list(sample)
         return [total / len(samples) for total in sums]

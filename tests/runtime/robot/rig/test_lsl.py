@@ -1,16 +1,19 @@
 """The inlet of the Lab Streaming Layer on a rig: outlets of pylsl send, stop, restart and have the same name."""
 
 import os
+import socket
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 import runtime
+from runtime.host.liblsl import Inlet, Outlet, found, load
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.lsl_line import open_line, select
-from runtime.robot.rig.lsl_receiver import Rectified
+from runtime.robot.rig.lsl_receiver import Rectified, receive
 from tests.optional import Library
 from tests.runtime.runs import write
 
@@ -123,3 +126,100 @@ def test_the_rectified_mean_of_a_sine_with_an_offset_is_its_mean_absolute_value(
     rectified = Rectified(1, 5.0, 2000.0)
     rectified.of(samples[:2000])
     assert rectified.of(samples[2000:])[0] == pytest.approx(3.0 * 2.0 / np.pi, rel=0.02)
+
+
+def described(name, *channels, rate=100):
+    """An outlet of one source, whose channels have these labels and units."""
+    info = pylsl.StreamInfo(name, "EMG", len(channels), rate, "float32", f"source of {name}")
+    listed = info.desc().append_child("channels")
+    for label, unit in channels:
+        channel = listed.append_child("channel")
+        channel.append_child_value("label", label)
+        channel.append_child_value("unit", unit)
+    return pylsl.StreamOutlet(info)
+
+
+RESTARTS = {  # what a sender changes, by the first value that it then sends
+    10.0: ((("b", "mV"), ("a", "mV")), 100),
+    20.0: ((("a", "mV"), ("b", "V")), 100),
+    30.0: ((("a", "mV"), ("b", "mV")), 2000),
+    40.0: ((("a", "mV"), ("b", "mV")), 100),  # nothing
+}
+
+
+@pytest.mark.soak  # liblsl takes seconds to find a restarted outlet
+@pytest.mark.paced
+def test_a_sender_that_restarts_with_other_channels_is_not_received_until_it_has_the_first_ones_again():
+    name, passed = f"restarts {os.getpid()}", set()
+    sender = described(name, ("a", "mV"), ("b", "mV"))
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ended, end = os.pipe()
+    [info] = found(name)
+    inlet = Inlet(info)
+    receiver = threading.Thread(target=receive, args=(inlet, theirs, ended, [1], [1.0], 0.0, 5.0), daemon=True)
+    receiver.start()
+    ours.settimeout(0.01)
+
+    def send(value, duration):
+        until = time.monotonic() + duration
+        while time.monotonic() < until and (value == 0.0 or 40.0 not in passed):
+            sender.push_sample([0.0, value])
+            with suppress(TimeoutError):
+                passed.add(float(ours.recv(1000).split(b",")[1]))
+
+    send(0.0, 1.0)
+    for value, (channels, rate) in RESTARTS.items():
+        sender = None
+        time.sleep(0.2)
+        sender = described(name, *channels, rate=rate)
+        send(value, 8.0)
+    os.write(end, b"\0")
+    receiver.join(10.0)
+    assert passed == {0.0, 40.0}
+
+
+@pytest.mark.parametrize("name", ["Anna's EMG", "the \"left\" 'leg'", "Größe & <more>"])
+def test_a_stream_of_any_name_is_found(name):
+    name = f"{name} {os.getpid()}"
+    outlet = Outlet(name, "EMG", f"source of {name}", [("a", "V")])
+    assert len(found(name)) == len(found(name, f"source of {name}")) == 1
+    outlet.close()
+
+
+def test_a_stream_that_is_lost_without_a_source_is_reported_in_one_line(capfd):
+    name = f"lost {os.getpid()}"
+    sender = pylsl.StreamOutlet(pylsl.StreamInfo(name, "EMG", 1, 100, "float32", ""))
+    opened = open_line("emg", name, "", [("a", "V")], rectify=0.0, max_delay=0.5)
+    del sender
+    line = socket.socket(fileno=opened.fd)
+    line.settimeout(20.0)
+    assert line.recv(100) == b""  # the process has ended
+    opened.close()
+    line.close()
+    told = [line for line in capfd.readouterr().err.splitlines() if "data_receiver" not in line and "INFO|" not in line]
+    assert told == [
+        f"tickwork: stream {name!r}: the stream is lost, and has no source_id by which it could be found again"
+    ]
+
+
+def test_a_stream_whose_texts_are_not_utf_8_is_received():
+    name = f"latin {os.getpid()}"
+    liblsl = load("a test")
+    description = liblsl.lsl_create_streaminfo(name.encode(), b"EMG", 1, 100.0, 2, f"{name} 1".encode())
+    channels = liblsl.lsl_append_child(liblsl.lsl_get_desc(description), b"channels")
+    channel = liblsl.lsl_append_child(channels, b"channel")
+    liblsl.lsl_append_child_value(channel, b"label", "Größe".encode("latin-1"))
+    sender = liblsl.lsl_create_outlet(description, 0, 60)
+    [info] = found(name, f"{name} 1")
+    inlet = Inlet(info)
+    assert [label for label, _ in inlet.about["channels"]] == ["Gr\ufffd\ufffde"]
+    inlet.close()
+    liblsl.lsl_destroy_outlet(sender)
+
+
+def test_a_sample_that_is_nan_does_not_stay_in_the_rectified_values():
+    rectified = Rectified(2, 5.0, 2000.0)
+    rectified.of([[1.0, 2.0]])
+    values = rectified.of([[1.0, 2.0], [np.nan, 2.1], [1.0, 2.2]])
+    assert np.isnan(values[0]) and values[1] > 0.0
+    assert np.isfinite(rectified.of([[1.1, 2.3], [1.2, 2.4]])).all()
