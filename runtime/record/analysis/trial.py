@@ -135,7 +135,8 @@ class Trial(TrialData):
     def xdf(self, path: str | os.PathLike[str]) -> dict[str, Stream]:
         """Return {name: runtime.record.analysis.xdf.Stream} of an XDF file, with times on the axis of this trial.
 
-        The file must contain the signals that an Lsl block sent in this run. Raises MissingExtra or BadInput.
+        The file must contain the signals that an Lsl block sent in this run. Streams of the same name have their
+        source_id in brackets: "EMG (amplifier 1)". Raises MissingExtra or BadInput.
         """
         from runtime.record.analysis.xdf import streams
 

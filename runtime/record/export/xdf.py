@@ -18,7 +18,7 @@ from runtime.record.analysis.xdf import SIGNALS, start
 from runtime.record.storage.changes import event_text
 
 EXTENSIONS = {"xdf": "xdf"}
-FILE_HEADER, STREAM_HEADER, SAMPLES, STREAM_FOOTER = 1, 2, 3, 6  # tags of chunks
+FILE_HEADER, STREAM_HEADER, SAMPLES, CLOCK_OFFSET, STREAM_FOOTER = 1, 2, 3, 4, 6  # tags of chunks
 SIGNALS_ID, EVENTS_ID = 1, 2  # of the streams
 GROUP = 1000  # samples of a chunk
 EIGHT = b"\x08"  # a length of 8 bytes follows, or a time stamp
@@ -55,6 +55,9 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
         texts = [(stamp, text.encode()) for stamp, text in texts if text]
         for stamp, text in texts:
             samples(file, EVENTS_ID, 1, EIGHT + struct.pack("<d", stamp) + EIGHT + struct.pack("<Q", len(text)) + text)
+        for stream in (SIGNALS_ID, EVENTS_ID):  # the clock of both is that of the file
+            for time in (began, last + 1.0):
+                put(file, CLOCK_OFFSET, struct.pack("<Idd", stream, time, 0.0))
         end(file, SIGNALS_ID, first, last, done)
         end(file, EVENTS_ID, texts[0][0] if texts else began, texts[-1][0] if texts else began, len(texts))
 

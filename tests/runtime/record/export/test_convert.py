@@ -6,6 +6,7 @@ import os
 import re
 import struct
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -487,6 +488,60 @@ def test_xdf_is_read_by_pyxdf_and_a_file_of_the_laboratory_has_the_time_axis_of_
     assert (emg.labels, emg.units, emg.kind, emg.values[3][0]) == (("biceps",), ("µV",), "EMG", 7.0)
     with pytest.raises(BadInput, match="is not an XDF file"):
         trial.xdf(recording)
+
+
+def test_pyxdf_needs_no_warning_for_the_clock_of_an_exported_recording(command_line, recording, caplog):
+    load = pytest.importorskip("pyxdf").load_xdf
+    load(converted(command_line, recording, "xdf"))
+    assert caplog.records == []
+
+
+def test_streams_of_one_name_are_told_apart_and_one_without_samples_is_empty(command_line, recording):
+    pytest.importorskip("pyxdf")
+    path, trial = converted(command_line, recording, "xdf"), runtime.load(recording)
+    with open(path, "ab") as file:
+        for stream, name, count in ((7, "EMG", 3), (8, "EMG", 2), (9, "force", 0)):
+            xdf.describe(file, stream, name, "EMG", "double64", 10.0, [("biceps", "µV")], trial)
+            xdf.samples(file, stream, count, b"".join(b"\x08" + struct.pack("<dd", k, stream) for k in range(count)))
+    found = trial.xdf(path)
+    assert {name: len(each.time) for name, each in found.items() if "bench" not in name} == {
+        "EMG (tickwork EMG) 7": 3,
+        "EMG (tickwork EMG) 8": 2,
+        "force": 0,
+    }
+    assert found["EMG (tickwork EMG) 8"].values[1][0] == 8.0
+
+
+def test_a_stream_that_labrecorder_continued_in_a_later_run_is_found_by_the_times_of_its_ticks(
+    command_line, recording, tmp_path
+):
+    pytest.importorskip("pyxdf")
+    path = converted(command_line, recording, "xdf")
+    (tmp_path / "renamed.mcap").write_bytes(recording.read_bytes())
+    trial = runtime.load(tmp_path / "renamed.mcap")
+    with open(path, "ab") as file:  # the next run
+        sample = b"\x08" + struct.pack("<d", 100.0025) + bytes(8 * trial.rows.shape[1])
+        xdf.samples(file, 1, 1, sample)
+    streams = trial.xdf(path)
+    assert np.allclose(streams["bench"].time[:-1], trial.time, rtol=0.0, atol=1e-9)
+    assert streams["bench"].time[-1] == pytest.approx(100.0025)
+    other, shifted = xdf.start(trial) + 0.001 + trial.time, tmp_path / "shifted.xdf"
+    with open(shifted, "wb") as file:
+        file.write(b"XDF:")
+        xdf.put(file, xdf.FILE_HEADER, b'<?xml version="1.0"?><info><version>1.0</version></info>')
+        xdf.describe(file, 1, "bench", xdf.SIGNALS, "double64", 200.0, [("a", "1")], runtime.load(recording))
+        xdf.samples(file, 1, len(other), b"".join(b"\x08" + struct.pack("<dd", stamp, 0.0) for stamp in other))
+    with pytest.raises(BadInput, match="has no signals of the recording renamed: its streams are bench"):
+        trial.xdf(shifted)
+
+
+@pytest.mark.parametrize("length", [0, 3, 4, 60])
+def test_an_xdf_file_that_is_cut_in_its_header_is_an_error_in_one_line(command_line, recording, length):
+    pytest.importorskip("pyxdf")
+    path = Path(converted(command_line, recording, "xdf"))
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(BadInput, match="is not an XDF file|its streams are no stream"):
+        runtime.load(recording).xdf(path)
 
 
 def test_candump_is_the_can_log_of_the_recorder(command_line):
