@@ -102,7 +102,7 @@ class InverseDynamics(Block):
     def files_of(self, name: str) -> list[Path]:
         """Return the file, and those that an MJCF file includes or refers to."""
         path = Path(self.file)
-        return sorted(set(files_of(path)), key=lambda found: (found != path, found))
+        return sorted(files_of(path), key=lambda found: (found != path, found))
 
 
 @dataclass

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 import importlib
 import importlib.util
+import os
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
 from graph import Block, Input, Memory, Output, Param
 
 EXTRA = "pip install 'tickwork[mujoco]'"
+MEMORY = 'contacts or constraints do not fit in the memory of MuJoCo: increase <size memory="..."/> in the MJCF file'
 STEP_TOLERANCE = 1e-6  # relative difference of a tick from a whole number of MuJoCo's time steps
+FULL = "CONTACTFULL", "CNSTRFULL"  # warnings of contacts and constraints that MuJoCo leaves out
 WARNINGS = {"BADCTRL": "control", "BADQPOS": "position", "BADQVEL": "velocity", "BADQACC": "acceleration"}
-FILES = re.compile(r'\b(?:file|\w+dir)\s*=\s*"([^"]+)"')
+FILES = re.compile(r"""\b(?:file|\w+dir)\s*=\s*["']([^"']+)["']""")
 
 # Units of sensors, by the names of mjtSensor; those of a joint or an actuator are in `unit_of_sensor`.
 UNITS = {
@@ -56,8 +59,8 @@ class MujocoBody(Block):
 
     Outputs do not depend on the inputs of the same tick. Positions and velocities are those of the tick, and sensors
     those of the last time step of MuJoCo, which begins one step earlier. The tick must be a multiple of that step. A
-    run repeats bit for bit with the same version of MuJoCo on the same kind of processor. NaN or a diverging motion
-    ends the run with a fault. Requires MuJoCo: `pip install 'tickwork[mujoco]'`.
+    run repeats bit for bit with the same version of MuJoCo on the same kind of processor. NaN, a diverging motion, or
+    contacts that do not fit in its memory end the run with a fault. Requires MuJoCo: `pip install 'tickwork[mujoco]'`.
     """
 
     file = file_param("MJCF file")
@@ -89,7 +92,10 @@ class MujocoBody(Block):
             self.model = mujoco.MjModel.from_xml_path(self.file)
         except ValueError as error:
             raise ValueError(f"{self.file}: {str(error).removeprefix('Error: ')}") from None
-        self.data, initial = mujoco.MjData(self.model), self.initial()
+        try:
+            self.data, initial = mujoco.MjData(self.model), self.initial()
+        except mujoco.FatalError as error:
+            raise ValueError(f"{self.file}: {' '.join(str(error).split())}") from None
         ports = Ports(mujoco, self.model, self.data, _RESERVED_NAMES)
         self.inputs = {name: port for name, (port, _) in ports.inputs.items()}
         self.outputs = {name: port for name, (port, _) in ports.outputs.items()}
@@ -98,7 +104,7 @@ class MujocoBody(Block):
             self.model,
             self.data,
             initial,
-            [address_of(self.data.warning.number, self.warning(name)) for name in WARNINGS],
+            [address_of(self.data.warning.number, self.warning(name)) for name in (*WARNINGS, *FULL)],
             [address for _, address in ports.inputs.values()],
             [address for _, address in ports.outputs.values()],
         )
@@ -122,6 +128,8 @@ class MujocoBody(Block):
         deviations = np.random.default_rng(self.seed).normal(scale=self.spread, size=len(places))
         data.qpos[list(places.values())] += deviations
         mujoco.mj_forward(model, data)
+        if any(data.warning.number[self.warning(name)] for name in FULL):
+            raise ValueError(f"{self.file}: {MEMORY}")
         return data
 
     def prepare(self, dt: float) -> None:
@@ -146,6 +154,8 @@ class MujocoBody(Block):
         if status != UNSTABLE:
             return ""
         model, found = self.model, self.data.warning
+        if any(found[self.warning(name)].number for name in FULL):
+            return MEMORY
         name = next((name for name in WARNINGS if found[self.warning(name)].number), None)
         if name is None:
             return "the simulation of MuJoCo is unstable"
@@ -163,7 +173,7 @@ class MujocoBody(Block):
 
     def files_of(self, name: str) -> list[Path]:
         """Return the MJCF file, and the files that it includes or refers to."""
-        return sorted(set(files_of(Path(self.file))), key=lambda path: (path != Path(self.file), path))
+        return sorted(files_of(Path(self.file)), key=lambda path: (path != Path(self.file), path))
 
 
 class Ports:
@@ -228,6 +238,9 @@ class Ports:
         model, kinds = self.model, self.mujoco.mjtTrn
         kind, target = model.actuator_trntype[actuator], model.actuator_trnid[actuator][0]
         if kind in (kinds.mjTRN_JOINT.value, kinds.mjTRN_JOINTINPARENT.value):
+            if model.jnt_type[target] == self.mujoco.mjtJoint.mjJNT_FREE.value:
+                along, about = np.any(model.actuator_gear[actuator].reshape(2, 3), axis=1)
+                return ("1", "1", "1") if along and about else SLIDING if along else TURNING
             return self.units_of_joint(target)
         return SLIDING if kind == kinds.mjTRN_TENDON.value else ("1", "1", "1")
 
@@ -282,14 +295,25 @@ def address_of(numbers: Any, index: int) -> int:
     return numbers.ctypes.data + index * numbers.strides[0]
 
 
-def files_of(path: Path) -> Iterator[Path]:
-    """Yield an MJCF file and the existing files that it includes or refers to."""
-    yield path
-    words = FILES.findall(path.read_text(errors="replace"))
-    folders = [path.parent, *(path.parent / word for word in words if (path.parent / word).is_dir())]
-    for word in words:
-        for found in (folder / word for folder in folders if (folder / word).is_file()):
-            yield from files_of(found) if found.suffix == ".xml" and found != path else [found]
+def files_of(path: Path) -> set[Path]:
+    """Return an MJCF file and the existing files that it includes or refers to.
+
+    A name counts from the folder of every file and from each folder that one names, because the files that a file
+    includes use its folders.
+    """
+    found, unread = {path}, [path]
+    folders: set[Path] = set()
+    words: set[str] = set()
+    while unread:
+        file = unread.pop()
+        folders.add(file.parent)
+        words.update(FILES.findall(file.read_text(errors="replace")))
+        places = folders | {folder / word for folder in folders for word in words if (folder / word).is_dir()}
+        candidates = {Path(os.path.normpath(place / word)) for place in places for word in words}
+        new = {candidate for candidate in candidates - found if candidate.is_file()}
+        found |= new
+        unread += [candidate for candidate in new if candidate.suffix == ".xml"]
+    return found
 
 
 def listed(names: Any) -> str:

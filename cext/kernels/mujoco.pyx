@@ -11,7 +11,7 @@ UNSTABLE, IN_USE = FIRST_OWN_STATUS, FIRST_OWN_STATUS + 1
 cdef enum:
     UNSTABLE_STATUS = FIRST_OWN_STATUS
     IN_USE_STATUS = FIRST_OWN_STATUS + 1
-    WARNINGS = 4                # of a bad control, position, velocity and acceleration
+    WARNINGS = 6                # of a bad control, position, velocity, acceleration; contacts, constraints left out
 
 ctypedef void (*step_t)(void *model, void *data) noexcept nogil
 ctypedef void *(*copy_t)(void *target, void *model, void *source) noexcept nogil
@@ -42,7 +42,7 @@ cdef class Simulation:
 
     functions : addresses of mj_step, mj_copyData and mju_user_warning
     model, data, initial : mjModel and mjData of the bindings; `initial` is the start
-    warnings : addresses of the numbers of the warnings that end a run, four
+    warnings : addresses of the numbers of the warnings that end a run, six
     targets, sources : addresses of the first double of each input and output
     """
 

@@ -169,6 +169,24 @@ def test_a_body_that_diverges_is_a_fault_that_names_a_joint(model, tmp_path, mon
     assert not Path("MUJOCO_LOG.TXT").exists()
 
 
+def test_constraints_that_mujoco_leaves_out_for_lack_of_memory_are_a_fault(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    boxes = "".join(
+        f'<body pos="0 {0.05 * k} 0.05"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>' for k in range(12)
+    )
+    path = tmp_path / "boxes.xml"
+    size = '<size memory="100K"/><option timestep="0.005"/>'
+    path.write_text(f'<mujoco>{size}<worldbody><geom type="plane" size="9 9 1"/>{boxes}</worldbody></mujoco>')
+    assert 'increase <size memory="..."/> in the MJCF file' in refusal(MujocoBody, str(path)).message
+    (tmp_path / "less.xml").write_text(path.read_text().replace("100K", "10K"))
+    assert '(increase <size memory="..."/>)' in refusal(MujocoBody, str(tmp_path / "less.xml")).message
+    monkeypatch.setattr("mujoco.mj_forward", lambda model, data: None)  # the first step is then the first to need it
+    with Diagram("test", rate=200) as diagram:
+        block = MujocoBody(str(path), name="body")
+    assert run(diagram, 20).outcome.status == f"kernel status {UNSTABLE}"
+    assert 'increase <size memory="..."/> in the MJCF file' in block.fault_text(UNSTABLE)
+
+
 def test_two_programs_cannot_share_a_simulation_at_the_same_time(model):
     with Diagram("test", rate=200) as diagram:
         block = MujocoBody(model)
@@ -189,6 +207,30 @@ def test_the_hash_of_a_diagram_has_the_files_that_the_model_includes(model, tmp_
     whole.write_text('<mujoco><worldbody><include file="parts/pole.xml"/></worldbody></mujoco>')
     block = MujocoBody(str(whole))
     assert block.files_of("file") == [whole, part]
+
+
+def test_the_hash_has_the_meshes_of_included_files_in_the_folder_that_the_first_file_names(tmp_path):
+    for folder in ("parts", "meshes/sub"):
+        (tmp_path / folder).mkdir(parents=True)
+    mesh, part, whole = tmp_path / "meshes/sub/cube.obj", tmp_path / "parts/inner.xml", tmp_path / "whole.xml"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    part.write_text("<mujocoinclude><asset><mesh name='cube' file='sub/cube.obj'/></asset></mujocoinclude>")
+    whole.write_text(
+        "<mujoco><compiler meshdir='meshes'/><include file='parts/inner.xml'/><worldbody>"
+        "<geom type='mesh' mesh='cube'/></worldbody></mujoco>"
+    )
+    assert MujocoBody(str(whole)).files_of("file") == [whole, mesh, part]
+
+
+def test_a_motor_on_a_free_joint_has_the_unit_of_its_axes(tmp_path):
+    gears = {"lift": "0 0 1 0 0 0", "turn": "0 0 0 2 0 0", "both": "1 0 0 1 0 0"}
+    motors = "".join(f'<motor name="{name}" joint="root" gear="{gear}"/>' for name, gear in gears.items())
+    (tmp_path / "free.xml").write_text(
+        '<mujoco><worldbody><body><freejoint name="root"/><geom size="1"/></body></worldbody>'
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
+    block = MujocoBody(str(tmp_path / "free.xml"))
+    assert {name: port.unit for name, port in block.inputs.items()} == {"lift": "N", "turn": "N·m", "both": "1"}
 
 
 @pytest.mark.parametrize(
