@@ -8,6 +8,7 @@ import importlib.util
 import os
 import re
 from collections.abc import Collection
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from blocks._plumbing.paths import file_param, path_beside
 from blocks._plumbing.ports import port_name
 from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
 from graph import Block, Input, Memory, Output, Param
+from graph.narrowing import is_row
 
 EXTRA = "pip install 'tickwork[mujoco]'"
 MEMORY = 'contacts or constraints do not fit in the memory of MuJoCo: increase <size memory="..."/> in the MJCF file'
@@ -121,12 +123,18 @@ class MujocoBody(Block):
                 raise ValueError(f"keyframe: {self.file} has no {self.keyframe!r}, it has {listed(names)}")
             mujoco.mj_resetDataKeyframe(model, data, names.index(self.keyframe))
         places = {model.joint(k).name: model.jnt_qposadr[k] for k in range(model.njnt) if model.jnt_type[k] >= 2}
-        for joint, position in self.pose:
+        for each in self.pose if is_row(self.pose) else (self.pose,):
+            if not (is_row(each) and len(each) == 2 and isinstance(each[0], str) and isinstance(each[1], Real)):
+                example = 'pose=(("knee", 0.4),) with a comma after a single one'
+                raise ValueError(f"pose must be pairs of a joint and its position, as in {example}, got {each!r}")
+            joint, position = each
             if joint not in places:
                 raise ValueError(f"pose: {self.file} has no hinge or slide {joint!r}, it has {listed(places)}")
             data.qpos[places[joint]] = position
         deviations = np.random.default_rng(self.seed).normal(scale=self.spread, size=len(places))
         data.qpos[list(places.values())] += deviations
+        if not np.isfinite(data.qpos).all():
+            raise ValueError(f"{self.file}: a position of its keyframe {self.keyframe!r} or of `pose` is not finite")
         mujoco.mj_forward(model, data)
         if any(data.warning.number[self.warning(name)] for name in FULL):
             raise ValueError(f"{self.file}: {MEMORY}")

@@ -237,6 +237,9 @@ def test_a_motor_on_a_free_joint_has_the_unit_of_its_axes(tmp_path):
     "parameters, words",
     [
         ({"pose": (("rial", 1.0),)}, "no hinge or slide 'rial', it has rail, pole/hinge"),
+        ({"pose": ("rail", 1.0)}, "as in pose=((\"knee\", 0.4),) with a comma after a single one, got 'rail'"),
+        ({"pose": (("rail", "1 m"),)}, "pose must be pairs of a joint and its position"),
+        ({"pose": (("rail", math.nan),)}, "a position of its keyframe '' or of `pose` is not finite"),
         ({"keyframe": "up"}, "has no 'up', it has aside"),
         (
             {"rate": 1500},
