@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from runtime.record.analysis.trial_data import TrialData
 
 BIN = 1.0  # s
+DISORDER = 0.1  # s, by which a reading may be earlier than the one before
 SLOPE_BINS = 4  # required for a slope
 
 
@@ -70,9 +71,13 @@ def clock(trial: TrialData, name: str, wrap: float = 0.0) -> Clock:
     reading, here = reading[fresh], here[fresh]
     if wrap:
         reading = np.unwrap(reading, period=wrap)
-    if len(reading) < 2 or np.any(np.diff(reading) < 0.0):
-        again = "starts again: state `wrap`, the time in s after which its counter wraps"
-        raise BadInput(f"the clock {name} {'has no readings' if len(reading) < 2 else again}")
+    if len(reading) < 2:
+        raise BadInput(f"the clock {name} has no readings")
+    if (back := np.diff(reading)).min() < -DISORDER:
+        raise BadInput(
+            f"the clock {name} starts again at {here[back.argmin() + 1]:.2f} s: state `wrap`, the time in s after "
+            "which its counter wraps, or take a part of the trial with `between` if its device restarted"
+        )
     lag = here - reading
     ordered = np.lexsort((lag, here // BIN))
     least = ordered[np.flatnonzero(np.diff(here[ordered] // BIN, prepend=np.nan) != 0.0)]

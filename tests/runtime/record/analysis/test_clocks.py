@@ -12,6 +12,7 @@ from blocks.sources import Pulse, Ramp
 from graph import Diagram
 from runtime.host.errors import BadInput
 from tests.docs.test_special_samples import samples
+from tests.runtime.record.analysis.test_recorded_trial import recorded
 
 DRIFT, SHOWN = 150e-6, 4290.0  # slowness; s that the device's clock shows at tick 0, before it wraps at 4294.967 s
 WRAP = 2**32 * 1e-6  # s
@@ -77,5 +78,21 @@ def test_a_drift_alone_gives_a_clock_from_tick_0(trial):
 def test_a_block_without_a_clock_is_an_error(trial):
     with pytest.raises(BadInput, match="mocap has no recorded clock: name a block"):
         trial.clock("mocap")
-    with pytest.raises(BadInput, match="clock teensy.t starts again: state `wrap`"):
+    with pytest.raises(BadInput, match="clock teensy.t starts again at 4.9. s: state `wrap`"):
         trial.clock("teensy.t")
+
+
+def test_a_device_that_restarts_has_a_clock_before_and_one_after(tmp_path):
+    def rows(restart):
+        for tick in range(2000):
+            time = tick / 200.0
+            jitter = 0.004 * (-1) ** tick  # a sample may have an earlier stamp than the one before
+            yield tick, 0.001, 100.0 + time + jitter - (90.0 if restart and time > 6.0 else 0.0)
+
+    signals = ("imu.age s", "imu.t s")
+    whole, broken = (runtime.load(recorded(tmp_path, rows(restart), f"trial{restart}", signals)) for restart in (0, 1))
+    assert whole.clock("imu.t").offset == pytest.approx(100.0, abs=0.006)
+    with pytest.raises(BadInput, match="imu.t starts again at 6.00 s: .* or take a part of the trial with `between`"):
+        broken.clock("imu.t")
+    assert broken.between(0.0, 6.0).clock("imu.t").offset == pytest.approx(100.0, abs=0.006)
+    assert broken.between(6.1, 10.0).clock("imu.t").offset == pytest.approx(10.0, abs=0.006)
