@@ -496,7 +496,7 @@ def test_pyxdf_needs_no_warning_for_the_clock_of_an_exported_recording(command_l
     assert caplog.records == []
 
 
-def test_streams_of_one_name_are_told_apart_and_one_without_samples_is_empty(command_line, recording):
+def test_streams_of_one_name_have_names_of_their_own_and_one_without_samples_is_empty(command_line, recording):
     pytest.importorskip("pyxdf")
     path, trial = converted(command_line, recording, "xdf"), runtime.load(recording)
     with open(path, "ab") as file:
