@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import FrozenInstanceError
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import graph
@@ -114,12 +115,19 @@ def for_import(path: str | os.PathLike[str], error: ImportError) -> str:
     missing = re.match(r"cannot import name '(\w+)'", text_of(error))
     if missing is None or module is None:
         return ""
-    line = import_of(missing[1]) if top in ("blocks", "graph") else ""
-    return (
-        f"it is in another module: write `{line}`"
-        if line
-        else suggestion(missing[1], [name for name in vars(module) if not name.startswith("_")])
-    )
+    if top in ("blocks", "graph") and (line := import_of(missing[1])):
+        return f"it is in another module: write `{line}`"
+    names = [known for known, value in vars(module).items() if known[0] != "_" and not isinstance(value, ModuleType)]
+    named = {known.casefold(): known for known in names}.get(missing[1].casefold())
+    blocks = [known for known in names if is_block_of(name, getattr(module, known))]
+    listed = f"its blocks are {', '.join(sorted(blocks))}" if blocks else ""
+    return f"did you mean {named!r}?" if named else suggestion(missing[1], names) or listed
+
+
+def is_block_of(module: str, value: Any) -> bool:
+    """Return whether a value is a class of blocks that a module defines, or one of its modules, for diagrams."""
+    known = isinstance(value, type) and issubclass(value, Block) and value.__module__.startswith(module)
+    return known and not value.__name__.startswith("Emulated")
 
 
 def for_attribute(error: AttributeError) -> str:

@@ -45,6 +45,18 @@ IMPORTS_AND_NAMES = (
         "did you mean 'Notch'?",
     ),
     in_file(
+        "block in lower case",
+        f"from blocks.filters import notch  # !\n{DIAGRAM}",
+        f"from blocks.filters import Notch\n{DIAGRAM}",
+        "did you mean 'Notch'?",
+    ),
+    in_file(
+        "block by the name that another program gives it",
+        f"from blocks.filters import LowPass  # !\n{DIAGRAM}",
+        f"from blocks.filters import Butterworth\n{DIAGRAM}",
+        "its blocks are Butterworth, Complementary, Exponential, Median, Notch",
+    ),
+    in_file(
         "misspelt module",
         f"from blocks.filter import Notch  # !\n{DIAGRAM}",
         f"from blocks.filters import Notch\n{DIAGRAM}",
