@@ -13,7 +13,8 @@ class SensorPlacement(Block):
 
     agreement = correlation of (left − right) of the sensors with (left − right) of a reference, in means over 0.6 s: 1
     for a hip drive and the inertial sensors of the thighs, −1 if these are exchanged. The run ends with a fault that
-    names the sensors after 0.2 s in which, and while the legs have moved for 0.6 s and `enable` is true,
+    names the sensors after 0.2 s (exchanged) or 0.4 s in which, and while the legs have moved for 0.6 s and `enable` is
+    true,
 
         exchanged    agreement < −0.1, and neither sensor has a correlation above 0.3 with the reference of its leg
         upside down  correlation of a sensor with that < −0.3
@@ -25,7 +26,7 @@ class SensorPlacement(Block):
     thigh and shank with the knee drive, which are the same: they disagree below 0.8.
 
     After 0.5 s of comparison, samples count only while `enable` is true, and are compared 1 s after it has become true:
-    a stand and the step that ends it do not count.
+    a stand and the step that ends it do not count. With strides of 1.1 to 3 s, these times grow in proportion.
 
     Limits: which of sensors and references are exchanged does not show; two sensors that are both upside down count as
     exchanged. Direct feedthrough; NaN and infinity give NaN and are not stored.
@@ -47,7 +48,7 @@ class SensorPlacement(Block):
     agreement = Output("1", "correlation of sensors and references, left less right")
     sign = Memory(1.0, "sign of the correlation")
     limit = Memory(-0.1, "agreement below which sensors are exchanged")
-    moments = Memory((0.0,) * 18, "moments of sensors and references, times of motion and of disagreement")
+    moments = Memory((0.0,) * 21, "moments of sensors and references, times of motion and of disagreement")
 
     kernel = kernels.placement
     free_units = ("left_reference", "right_reference")
@@ -85,9 +86,11 @@ class SegmentOrder(Block):
     is less than `least` times that of the upper one, and `enable` is true: connect the `walking` of a GaitState. After
     0.5 s of comparison, samples count only while it is true, and are compared 1 s after it has become true. Samples in
     which no segment turns faster than 0.3 rad/s do not count: the step that ends a stand turns one thigh alone. With
-    one leg, leave the inputs of the right one unconnected. The shank below a stiff knee, with 0.3 to 0.6 of its range,
-    turns more slowly than its thigh: the ratio is then at least 0.56. If the sensors are exchanged, it varies from 0.2
-    to 0.7 within a stride. NaN and infinity are not stored.
+    one leg, leave the inputs of the right one unconnected. They are compared from 1.25 s of motion on. A leg of which
+    neither variance is a quarter of the larger one of the other leg has not swung, as in a turn, and is not compared.
+    The shank below a stiff knee, with 0.3 to 0.6 of its range, turns more slowly than its thigh: the ratio is then at
+    least 0.56. If the sensors are exchanged, it varies from 0.2 to 0.7 within a stride. NaN and infinity are not
+    stored.
     """
 
     upper = Param("thigh IMU", "1", "name of the sensors on the upper segments in the fault", dtype=str)
@@ -99,7 +102,7 @@ class SegmentOrder(Block):
     left_lower = Input("rad/s", "rate of the lower segment of the left leg")
     right_lower = Input("rad/s", "the same of the right leg", default=0.0)
     enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
-    moments = Memory((0.0,) * 11, "means and mean squares of the rates, time of the wrong order")
+    moments = Memory((0.0,) * 12, "means and mean squares of the rates, time of the wrong order")
 
     kernel = kernels.segment_order
 
@@ -115,20 +118,22 @@ class SegmentOrder(Block):
 class SegmentPosture(Block):
     """Fault of an inertial sensor that is turned about the axis of flexion, or has slipped.
 
-    In walking, the mean pitches of a segment of both legs differ by a few degrees. The run ends with a fault that names
-    the sensor after 0.2 s in which, while `enable` is true (connect the `walking` of a GaitState),
+    In walking, the mean pitches of a segment of both legs differ by a few degrees, and by more in a turn and a stop.
+    The run ends with a fault that names the sensor after 1 s in which, while `enable` is true (connect the `walking` of
+    a GaitState),
 
         turned       left and right differ by more than `difference`
         both turned  a pitch is outside `lowest` to `highest`
+        slipped      the difference has changed by more than `slip` from its mean over the last 30 s of walking, of at
+                     least 5 s
 
-    and after 1 s in which it has slipped: the difference has changed by more than `slip` from its mean over the last 30
-    s of walking, of at least 5 s. Means have two stages of 0.6 s each. After 0.5 s of comparison, a pause of walking
-    starts them again, and they are compared after 3 s and 2.3 strides. A stride is the time between
-    two instants at which a pitch rises above its mean; with strides of 1.1 to 3 s, the time constants grow in
-    proportion. From 1 s on, samples in which no pitch changes by more than 0.3 rad/s do not count, as in a stand. With
-    one sensor, compare it with a `reference`: the flexion from two sensors with a drive, or the pitch of the pelvis
-    with 0. Limits: stairs that are climbed with one leg first, and
-    a gait that is more asymmetric than `difference`, are faults. NaN and infinity are not stored.
+    or after 0.2 s if the posture of the last 30 s of walking is that of a turned sensor as well. Means have two stages
+    of 0.6 s each. After 0.5 s of comparison, a pause of 0.3 s starts them again, and they are compared after 3 s and
+    2.3 strides. A stride is the time between two instants at which a pitch rises above its mean; with strides of 1.1 to
+    3 s, the time constants grow in proportion. From 1 s on, samples in which no pitch changes by more than 0.3 rad/s do
+    not count, as in a stand. With one sensor, compare it with a `reference`: the flexion from two sensors with a drive,
+    or the pitch of the pelvis with 0. Limits: stairs that are climbed with one leg first, and a gait that is more
+    asymmetric than `difference`, are faults. NaN and infinity are not stored.
     """
 
     rules = ("lowest < highest",)

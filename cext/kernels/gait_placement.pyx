@@ -14,12 +14,16 @@ cdef enum:                              # statuses
     LEFT_STILL = FIRST_OWN_STATUS + 3
     RIGHT_STILL = FIRST_OWN_STATUS + 4
 
+cdef double USUAL_STRIDE = 1.1          # s; longer ones lengthen all times but the last in proportion,
+cdef double LONGEST_STRIDE = 3.0        # s, up to this
 cdef double MEAN_TIME = 0.6             # s, time constant of all means
 cdef double MOVING = 0.3                # standard deviation of the reference, left less right, from which legs move
 cdef double MOVED_TIME = 0.6            # s of motion before the first comparison
 cdef double RESUME_TIME = 1.0           # s of walking after a pause before the next comparison
+cdef double TURN_SHARE = 0.5            # of the standard deviation of the reference, left less right, beyond its mean
 cdef double COMPARED_TIME = 0.5         # s of comparison from which only samples of walking count
-cdef double FAULT_TIME = 0.2            # s of disagreement that are a fault
+cdef double FAULT_TIME = 0.2            # s of disagreement that are a fault,
+cdef double OWN_FAULT_TIME = 0.4        # and of one leg alone: the first steps and a turn move the legs unlike
 cdef double REVERSED_LIMIT = -0.3       # correlation of a sensor with its reference
 cdef double FOLLOWING_LIMIT = 0.3       # the same, above which it follows its reference
 cdef double STILL_SHARE = 0.06          # of the variance of the other leg's sensor,
@@ -32,7 +36,7 @@ cdef struct Placement:
     int32_t limit               # agreement below which sensors are exchanged
     int32_t moments             # see below
 
-PLACEMENT = items((<Placement *>ITEMS)[0], "moments[18]")
+PLACEMENT = items((<Placement *>ITEMS)[0], "moments[21]")
 
 cdef enum:
     Q = 0                       # means of both references,
@@ -46,12 +50,33 @@ cdef enum:
     MOVED = 14                  # s of motion
     WRONG = 15                  # s of disagreement
     COMPARED = 16               # s of comparison,
-    RESUMED = 17                # and since a pause
+    RESUMED = 17                # and since a pause, in usual strides
+    AHEAD = 18                  # 1 while the left reference is ahead of the right one
+    LAST_STRIDE = 19            # s between the last two times at which it came ahead,
+    SINCE_AHEAD = 20            # and since the last one, 0 without it
 
 
 cdef inline double correlation(double covariance, double one, double other) noexcept nogil:
     """Return the correlation from a covariance and two variances, 0 where one is constant."""
     return covariance / sqrt(one * other) if one > 0.0 and other > 0.0 else 0.0
+
+
+cdef inline double turn(double *turns, double ahead, double least, double dt) noexcept nogil:
+    """Return the duration of the present stride so far, or of the last one if that is longer, in s.
+
+    turns : 1 while ahead, s of the last stride, and s of the present one, 0 while unknown; ahead : by how much a signal
+    is above its mean; least : amount that counts; dt : s of motion since the last tick
+    """
+    if turns[2] > 0.0:
+        turns[2] += dt
+    if ahead < -least:
+        turns[0] = 0.0
+    elif ahead > least and turns[0] == 0.0:
+        if turns[2] > 0.0:
+            turns[1] = turns[2]
+        turns[0] = 1.0
+        turns[2] = dt
+    return max(turns[1], turns[2])
 
 
 cdef inline bint pauses(double enable, double dt, double *compared, double *resumed) noexcept nogil:
@@ -75,8 +100,7 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     cdef double own[2]
     cdef double vq[2]
     cdef double vx[2]
-    cdef double share = min(1.0, arena[DT] / MEAN_TIME)
-    cdef double c, spread_q, spread_x, agreement
+    cdef double slow, share, c, spread_q, spread_x, agreement
     cdef int i, k
     cdef int status = OK
     q[0] = arena[at.left_reference]
@@ -86,9 +110,11 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     if not is_finite(q[0] + q[1] + x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
         arena[at.agreement] = NAN
         return OK
-    if pauses(arena[at.enable], arena[DT], m + COMPARED, m + RESUMED):
-        m[WRONG] = 0.0
+    slow = max(1.0, min(LONGEST_STRIDE, max(m[LAST_STRIDE], m[SINCE_AHEAD])) / USUAL_STRIDE)
+    if pauses(arena[at.enable], arena[DT] / slow, m + COMPARED, m + RESUMED):
+        m[WRONG] = m[SINCE_AHEAD] = 0.0
         return OK
+    share = min(1.0, arena[DT] / (MEAN_TIME * slow))
     # 1. Moments of references and sensors.
     for i in range(2):
         k = 1 - i
@@ -112,7 +138,11 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
         c += own[i] - m[CROSS + i] + m[Q + i] * m[X + 1 - i]
     agreement = correlation(c, spread_q, spread_x)
     arena[at.agreement] = agreement
-    m[MOVED] = m[MOVED] + arena[DT] if spread_q > MOVING * MOVING else 0.0
+    turn(m + AHEAD, q[0] - q[1] - m[Q] + m[Q + 1], TURN_SHARE * sqrt(max(0.0, spread_q)), arena[DT])
+    if spread_q > MOVING * MOVING:
+        m[MOVED] += arena[DT] / slow
+    else:
+        m[MOVED] = m[SINCE_AHEAD] = 0.0
     if m[MOVED] < MOVED_TIME or arena[at.enable] == 0.0 or m[RESUMED] < 0.0:
         m[WRONG] = 0.0
         return OK
@@ -126,8 +156,8 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
             status = RIGHT_STILL if i else LEFT_STILL
         elif status == OK and own[i] < REVERSED_LIMIT:
             status = RIGHT_REVERSED if i else LEFT_REVERSED
-    m[WRONG] = m[WRONG] + arena[DT] if status != OK else 0.0
-    return status if m[WRONG] > FAULT_TIME else OK
+    m[WRONG] = m[WRONG] + arena[DT] / slow if status != OK else 0.0
+    return status if m[WRONG] > (FAULT_TIME if status == EXCHANGED else OWN_FAULT_TIME) else OK
 
 
 cdef enum:                              # statuses
@@ -136,23 +166,27 @@ cdef enum:                              # statuses
 
 cdef double ORDER_TIME = 1.0            # s, time constant of the variances
 cdef double STILL_RATE = 0.3            # rad/s of every segment, below which the wearer stands
+cdef double TURNED_TIME = 1.25          # s of motion, from which a leg may have swung
+cdef double SWUNG_SHARE = 0.25          # of the largest variance of the other leg, from which a leg has swung
 
 
 cdef struct Order:
     int32_t left_upper, right_upper, left_lower, right_lower, enable, least
     int32_t moments             # means, then mean squares, of the inputs in their order; then see below
 
-ORDER = items((<Order *>ITEMS)[0], "moments[11]")
+ORDER = items((<Order *>ITEMS)[0], "moments[12]")
 
 cdef enum:
     DISORDER = 8                # s of the wrong order,
     ORDERS = 9                  # of comparison,
     ONWARD = 10                 # and since a pause
+    TURNED = 11                 # s of motion
 
 
 cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexcept nogil:
     cdef double *m = arena + at.moments
     cdef double x[4]
+    cdef double variances[4]
     cdef double share = min(1.0, arena[DT] / ORDER_TIME)
     cdef int i
     cdef int status = OK
@@ -168,13 +202,19 @@ cdef int order_kernel(double *arena, const Order *at, const Order *sizes) noexce
     # A stand does not count: the step that ends it turns one thigh alone.
     if max(fabs(x[0]), fabs(x[1]), fabs(x[2]), fabs(x[3])) < STILL_RATE:
         share = 0.0
+    else:
+        m[TURNED] += arena[DT]
     for i in range(4):
         m[i] += share * (x[i] - m[i])
         m[4 + i] += share * (x[i] * x[i] - m[4 + i])
+        variances[i] = m[4 + i] - m[i] * m[i]
+    # Above a foot that only pivots, as in a turn, the shank turns faster.
     for i in range(2):
-        if status == OK and m[6 + i] - m[2 + i] * m[2 + i] < arena[at.least] * (m[4 + i] - m[i] * m[i]):
+        if status == OK and variances[2 + i] < arena[at.least] * variances[i] \
+                and max(variances[i], variances[2 + i]) >= SWUNG_SHARE * max(variances[1 - i], variances[3 - i]):
             status = RIGHT_ORDER if i else LEFT_ORDER
-    m[DISORDER] = m[DISORDER] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[ONWARD] >= 0.0 else 0.0
+    m[DISORDER] = m[DISORDER] + arena[DT] if status != OK and arena[at.enable] != 0.0 and m[ONWARD] >= 0.0 \
+        and m[TURNED] >= TURNED_TIME else 0.0
     return status if m[DISORDER] > FAULT_TIME else OK
 
 
@@ -186,14 +226,13 @@ cdef enum:                              # statuses
     LEFT_SLIPPED = FIRST_OWN_STATUS + 4
     RIGHT_SLIPPED = FIRST_OWN_STATUS + 5
 
-cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means, in strides of at most
-cdef double POSTURE_STRIDE = 1.1        # s; it grows in proportion to longer ones,
-cdef double LONGEST_MEAN_STRIDE = 3.0   # s, up to this
+cdef double POSTURE_TIME = 0.6          # s, time constant of both stages of the means in usual strides
 cdef double MEAN_AFTER = 3.0            # s of samples from which they are compared,
 cdef double MEAN_STRIDES = 2.3          # and strides
 cdef double CROSSING = 0.05             # rad, by which a pitch leaves its mean before it counts as above or below it
 cdef double STAND_AFTER = 1.0           # s of samples from which a stand does not count
-cdef double SLIP_TIME = 1.0             # s of a changed posture that are a fault
+cdef double POSTURE_PAUSE = 0.3         # s of a pause, after which the means start again
+cdef double SLIP_TIME = 1.0             # s of a changed posture that are a fault; a turn and a stop are shorter
 cdef double USUAL_TIME = 30.0           # s, time constant of the usual posture
 cdef double USUAL_AFTER = 5.0           # s of walking from which it is known
 
@@ -212,35 +251,19 @@ cdef enum:
     WALKED = 7                  # s of walking
     ASTRAY = 8                  # s of a wrong posture, less s of a right one
     POSTURES = 9                # s of comparison,
-    AGAIN = 10                  # and since a pause
+    PAUSE = 10                  # and of a pause
     BEFORE = 11                 # left and right, one tick before
-    ABOVE = 13                  # 1 while left, then right are above their means
-    STRIDE = 15                 # s between the last two times at which they rose above them,
-    RISEN = 17                  # and since the last one, 0 without it
-
-
-cdef inline double stride_of(double *m, int i, double x, double dt) noexcept nogil:
-    """Return the duration of the present stride of a pitch so far, or of the last one if that is longer, in s.
-
-    i : 0 left, 1 right; x : pitch; dt : s of motion since the last tick
-    """
-    if m[RISEN + i] > 0.0:
-        m[RISEN + i] += dt
-    if x < m[MEAN + i] - CROSSING:
-        m[ABOVE + i] = 0.0
-    elif x > m[MEAN + i] + CROSSING and m[ABOVE + i] == 0.0:
-        if m[RISEN + i] > 0.0:
-            m[STRIDE + i] = m[RISEN + i]
-        m[ABOVE + i] = 1.0
-        m[RISEN + i] = dt
-    return max(m[STRIDE + i], m[RISEN + i])
+    LEFT_TURNS = 13             # see `turn`, of the left pitch about its mean,
+    RIGHT_TURNS = 16            # and of the right one
 
 
 cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) noexcept nogil:
     cdef double *m = arena + at.means
     cdef double x[2]
     cdef double moved[2]
-    cdef double share, difference, stride
+    cdef double *turns
+    cdef double share, difference, slow, fault_time
+    cdef double stride = 0.0
     cdef bint unmeasured = False
     cdef double dt = arena[DT]
     cdef double centre = 0.5 * (arena[at.lowest] + arena[at.highest])
@@ -250,18 +273,27 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     x[1] = arena[at.right]
     if not is_finite(x[0] + x[1]) or arena[at.enable] != arena[at.enable]:
         return OK
-    if pauses(arena[at.enable], arena[DT], m + POSTURES, m + AGAIN):
-        m[TIME] = m[ASTRAY] = m[RISEN] = m[RISEN + 1] = 0.0
+    if arena[at.enable] != 0.0:
+        m[POSTURES] += dt
+        m[PAUSE] = 0.0
+    elif m[POSTURES] > COMPARED_TIME:
+        m[PAUSE] += dt
+        if m[PAUSE] >= POSTURE_PAUSE:
+            m[TIME] = m[ASTRAY] = m[LEFT_TURNS + 2] = m[RIGHT_TURNS + 2] = 0.0
         return OK
     # 1. Means of two stages, which weigh the first samples alike, and hardly contain the motion within a stride.
     m[TIME] += dt
     # A stand does not count once the legs have moved: it may end with one leg before the other.
     if m[TIME] > STAND_AFTER and max(fabs(x[0] - m[BEFORE]), fabs(x[1] - m[BEFORE + 1])) < STILL_RATE * dt:
         dt = 0.0
-    stride = min(LONGEST_MEAN_STRIDE, max(stride_of(m, 0, x[0], dt), stride_of(m, 1, x[1], dt)))
-    share = dt / min(m[TIME], POSTURE_TIME * max(1.0, stride / POSTURE_STRIDE))
     for i in range(2):
-        unmeasured |= m[STRIDE + i] == 0.0 and 0.0 < m[RISEN + i] < LONGEST_MEAN_STRIDE
+        turns = m + (RIGHT_TURNS if i else LEFT_TURNS)
+        stride = max(stride, turn(turns, x[i] - m[MEAN + i], CROSSING, dt))
+        unmeasured |= turns[1] == 0.0 and 0.0 < turns[2] < LONGEST_STRIDE
+    stride = min(LONGEST_STRIDE, stride)
+    slow = max(1.0, stride / USUAL_STRIDE)
+    share = dt / min(m[TIME], POSTURE_TIME * slow)
+    for i in range(2):
         m[BEFORE + i] = x[i]
         m[STAGE + i] += share * (x[i] - m[STAGE + i])
         m[MEAN + i] += share * (m[STAGE + i] - m[MEAN + i])
@@ -273,17 +305,20 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     for i in range(2):
         m[USUAL + i] += share * (m[MEAN + i] - m[USUAL + i])
         moved[i] = m[MEAN + i] - m[USUAL + i]
-    # 3. One sensor has slipped, differs from that of the other leg, or both are turned.
+    # 3. One sensor has slipped, differs from that of the other leg, or both are turned: at once if this is usual.
+    fault_time = FAULT_TIME if fabs(m[USUAL] - m[USUAL + 1]) > arena[at.difference] else SLIP_TIME
     difference = m[MEAN] - m[MEAN + 1]
     if m[WALKED] > USUAL_AFTER and fabs(moved[0] - moved[1]) > arena[at.slip]:
         status = RIGHT_SLIPPED if fabs(moved[1]) > fabs(moved[0]) else LEFT_SLIPPED
     elif fabs(difference) > arena[at.difference]:
         status = RIGHT_TURNED if fabs(m[MEAN + 1] - centre) > fabs(m[MEAN] - centre) else LEFT_TURNED
     for i in range(2):
+        if not arena[at.lowest] <= m[USUAL + i] <= arena[at.highest]:
+            fault_time = FAULT_TIME
         if status == OK and not arena[at.lowest] <= m[MEAN + i] <= arena[at.highest]:
             status = RIGHT_POSTURE if i else LEFT_POSTURE
-    m[ASTRAY] = max(0.0, m[ASTRAY] + (arena[DT] if status != OK else -arena[DT]))
-    return status if m[ASTRAY] > (SLIP_TIME if status >= LEFT_SLIPPED else FAULT_TIME) else OK
+    m[ASTRAY] = max(0.0, m[ASTRAY] + (arena[DT] if status != OK else -arena[DT]) / slow)
+    return status if m[ASTRAY] > (SLIP_TIME if status >= LEFT_SLIPPED else fault_time) else OK
 
 
 segment_order = export(<kernel_t>order_kernel, ORDER)

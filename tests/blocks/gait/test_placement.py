@@ -135,3 +135,56 @@ def test_a_turned_sensor_is_a_fault_in_long_strides_and_their_motion_is_not(turn
             assert trial.time[-1] < 3.0 * stride + 1.0
         else:
             assert trial.outcome.status == "ok", (begin, trial.outcome)
+
+
+@pytest.mark.parametrize("pivoting", ["left", "right"])
+def test_a_leg_that_pivots_on_its_foot_in_a_turn_is_no_wrong_order(pivoting):
+    """Its shank turns a little, as in the turns of recorded adults, and its foot less, while the other leg steps."""
+    rates = {}
+    for leg in legs(shared("gait/healthy_young.csv"), {}):
+        signals = play(leg, "steady", RATE).signals
+        pair = [signals["thigh_velocity"], signals["shank_velocity"]]
+        if leg.name == pivoting:
+            pair = [0.4 * pair[0], 0.2 * pair[0]]
+        rates[f"{leg.name}_upper"], rates[f"{leg.name}_lower"] = pair
+    with Diagram("order", RATE) as diagram:
+        SegmentOrder("shank IMU", "foot IMU", name="monitor")(
+            **{name: player(values, "rad/s") for name, values in rates.items()}
+        )
+    assert run(diagram, int(20.0 * RATE)).outcome.status == "ok"
+
+
+@pytest.mark.parametrize("time, status", [(0.52, "ok"), (1.0, "kernel status 65")])
+def test_a_leg_that_moves_against_its_reference_in_one_step_is_no_fault(time, status):
+    """As in the first steps of a turn. time : s before and after 10 s, so that the means disagree for 0.2 to 0.3 s"""
+    walk = [play(leg, "steady", RATE).signals["thigh_velocity"] for leg in legs(shared("gait/healthy_young.csv"), {})]
+    against = np.where(np.abs(np.arange(len(walk[0])) / RATE - 10.0) < time, -1.0, 1.0)
+    signals = {"left_reference": walk[0], "right_reference": walk[1], "left": against * walk[0], "right": walk[1]}
+    with Diagram("placement", RATE) as diagram:
+        inputs = {name: player(values, "rad/s") for name, values in signals.items()}
+        SensorPlacement("thigh IMUs", "insoles", name="monitor")(**inputs)
+    assert run(diagram, int(20.0 * RATE)).outcome.status == status
+
+
+@pytest.mark.parametrize("time, status", [(1.5, "ok"), (4.0, "kernel status 66")])
+def test_a_posture_that_differs_for_a_step_is_no_fault(time, status):
+    """time : s, for which one thigh is 25° further forward, as in the last step of a walk"""
+    walk = {leg.name: leg for leg in legs(shared("gait/healthy_young.csv"), {})}
+    pitches = {name: play(leg, "steady", RATE).signals["thigh"] for name, leg in walk.items()}
+    pitches["left"] += np.radians(25.0) * (np.abs(np.arange(len(pitches["left"])) / RATE - 5.0) < 0.5 * time)
+    with Diagram("posture", RATE) as diagram:
+        SegmentPosture("thigh IMU", name="monitor")(**{name: player(each, "rad") for name, each in pitches.items()})
+    assert run(diagram, int(20.0 * RATE)).outcome.status == status
+
+
+@pytest.mark.parametrize("turned", [0.0, 20.0])
+def test_a_walk_that_is_not_certain_for_a_moment_in_each_second_is_compared(turned):
+    """turned : ° by which the left sensor is turned"""
+    walk = {leg.name: play(leg, "steady", RATE).signals["thigh"] for leg in legs(shared("gait/healthy_young.csv"), {})}
+    walk["left"] += np.radians(turned)
+    with Diagram("posture", RATE) as diagram:
+        inputs = {name: player(pitch, "rad") for name, pitch in walk.items()}
+        enable = player(np.arange(20.0 * RATE) % RATE < 0.9 * RATE, dtype=bool)
+        SegmentPosture("thigh IMU", name="monitor")(**inputs, enable=enable)
+    trial = run(diagram, int(19.0 * RATE))
+    assert trial.outcome.status == ("kernel status 66" if turned else "ok") and (not turned or trial.time[-1] < 4.0)
