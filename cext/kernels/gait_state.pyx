@@ -18,7 +18,8 @@ cdef double DIRECTION_SHARE = 0.9       # of a stride, time constant of the evid
 cdef double FIRST_STRIDE = 1.1          # s, until a stride was measured
 cdef double SHORTEST_STRIDE = 0.5       # s, between two beginnings of the left phase
 cdef double LONGEST_STRIDE = 3.0
-cdef double DIRECTION_AFTER = 0.5       # of a stride since a stand, in which each leg moves either way
+cdef double DISCARD_TIME = 1.0          # s of a stand, after which the next steps may go the other way
+cdef double DIRECTION_AFTER = 0.5       # of a stride since such a stand, in which each leg moves either way
 cdef double SHANK_LOW = 0.3             # evidence below which the wearer no longer walks forward,
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
@@ -30,7 +31,8 @@ cdef double STUMBLE_LEAST = 0.09        # of a stride, by which one leg leads th
 cdef double STUMBLE_MOST = 0.18         # or up to this in an uneven walk:
 cdef double STUMBLE_TIMES = 5.0         # times the usual RMS
 cdef double FIRST_SPREAD = 0.0015       # mean square, until strides of a walk show it
-cdef double USUAL_SHARE = 0.3           # of a stride, in what is usual
+cdef double USUAL_SHARE = 0.3           # of a stride, in what is usual,
+cdef double LEARNED_TIME = 0.2          # if both phases were known for so many s of it
 
 
 cdef struct Direction:
@@ -54,7 +56,7 @@ cdef enum:
     WEIGHT = 15                 # means of the weight of each knee,
     WEIGHTED = 17               # of its product with the velocity of the other knee,
     WEIGHTED_SQUARE = 19        # and with the square of that
-    MOVED = 21                  # strides since the last stand
+    MOVED = 21                  # strides since the last stand that discarded them
 
 
 cdef inline bint forward(double *arena, const Direction *at, double phase, double left, double right) noexcept nogil:
@@ -151,10 +153,10 @@ cdef enum:
     BEFORE = 7                  # phase one tick before, left, then right
 
 
-cdef inline bint stumbles(double *m, double left, double right, bint known, double strides) noexcept nogil:
+cdef inline bint stumbles(double *m, double left, double right, bint known, double strides, double dt) noexcept nogil:
     """Return whether a leg leads the other by unusually much, or did so in its last strides.
 
-    left, right : phases; known : whether both are; strides : after which a stumble has ended
+    left, right : phases; known : whether both are; strides : after which a stumble has ended; dt : s
     """
     cdef double difference = left - right - m[USUAL]
     cdef double phase, mean
@@ -173,12 +175,13 @@ cdef inline bint stumbles(double *m, double left, double right, bint known, doub
         phase = right if side else left
         phase -= floor(phase)
         if m[BEFORE + side] - phase > 0.5:
-            if side == 0 and m[COUNT] > 0.0:
+            if side == 0 and m[COUNT] * dt >= LEARNED_TIME:
                 # A stride without a stumble is learned; after one, both legs may be apart by another phase.
                 mean = m[SUM] / m[COUNT]
                 m[USUAL] += (1.0 if m[STUMBLED] > 0.0 else USUAL_SHARE) * mean
                 if m[STUMBLED] == 0.0:
                     m[SPREAD] += USUAL_SHARE * (m[SQUARES_SUM] / m[COUNT] - m[SPREAD])
+            if side == 0:
                 m[SUM] = m[SQUARES_SUM] = m[COUNT] = 0.0
             m[STUMBLED + side] = max(0.0, m[STUMBLED + side] - 1.0)
         m[BEFORE + side] = phase
@@ -213,7 +216,7 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     #    other stands.
     ahead = forward(arena, &at.direction, arena[at.left_phase], left, right)
     steady = not stumbles(arena + at.apart, arena[at.left_phase], arena[at.right_phase], flags == 2.0, \
-        2.0 if arena[at.direction.knees] != 0.0 else 1.0)       # knees alone show the direction less surely
+        2.0 if arena[at.direction.knees] != 0.0 else 1.0, arena[DT])       # knees alone show the direction less surely
     if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
         flags = 0.0
     apart = phases - 0.5
@@ -223,7 +226,7 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
         apart = 0.5
     track[APART] += share * (apart - track[APART])
     arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
-    if arena[at.standing] != 0.0:
+    if track[STILL] >= DISCARD_TIME or track[SLOW] >= STEP_TIME:
         forget(arena + at.direction.evidence)
     arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and steady \
         and track[APART] < arena[at.tolerance]

@@ -348,3 +348,40 @@ def test_steps_backward_after_a_walk_and_a_stand_are_not_walking_from_the_first_
         parts = np.split(walking, np.cumsum([ticks, stand, ticks, stand]))
         assert parts[0][-1] and not parts[2].any()
         assert parts[4][int(stride * RATE) :].all()
+
+
+@pytest.mark.parametrize("pause", [0.3, 0.6])
+def test_a_walk_with_a_pause_in_each_step_is_a_walk_forward(pause):
+    """As with sticks. The legs stand in each pause of so many s, but walk on at once."""
+    walk = walk_of("")
+    stride = np.median(np.diff(walk["left"].strikes))  # s
+    clock = np.arange(0.0, 20.0, 1.0 / RATE)
+    steps, since = np.divmod(clock, 0.5 * stride + pause)
+    own = 0.5 * stride * steps + np.minimum(since, 0.5 * stride)
+    moves = since < 0.5 * stride
+    signals = {}
+    for side, apart in (("left", 0.0), ("right", 0.5)):
+        velocity = np.interp(3.0 + own, walk[side].time, walk[side].signals["thigh_velocity"])
+        signals[f"{side}_velocity"] = np.where(moves, velocity, 0.0)
+        signals[f"{side}_phase"] = (own / stride + apart) % 1.0
+        signals[f"{side}_walking"] = np.ones(len(own), dtype=bool)
+    state = inside(GaitState, **signals)
+    later = clock > 10.0
+    assert state["walking"][later & moves].mean() > 0.95
+    assert state["standing"][later & (since > 0.5 * stride + 0.2)].all()
+
+
+def test_the_first_stride_after_a_stumble_and_a_stop_is_not_the_usual_one():
+    """At 8 s the phases are known as the left one begins, and for one tick the right one is 0.22 strides late."""
+    walk = walk_of("")
+    time = np.arange(0.0, 12.0, 1.0 / RATE)
+    stride = np.median(np.diff(walk["left"].strikes))  # s
+    left = ((time - 8.0) / stride) % 1.0
+    right = left + 0.5 + 0.25 * ((time > 5.0) & (time < 5.3)) - 0.22 * (np.abs(time - 8.0) < 0.5 / RATE)
+    known = (time < 5.4) | (time > 8.0 - 0.5 / RATE)
+    signals = {"left_phase": left, "right_phase": right % 1.0, "left_walking": known, "right_walking": known}
+    for side in ("left", "right"):
+        signals[f"{side}_velocity"] = np.interp(time + 2.0, walk[side].time, walk[side].signals["thigh_velocity"])
+    walking = inside(GaitState, **signals)["walking"]
+    assert walking[(time > 3.0) & (time < 5.0)].all() and not walking[(time > 5.1) & (time < 8.0)].any()
+    assert walking[time > 8.0 + 1.1 * stride].all()
