@@ -83,7 +83,8 @@ def open_line(path: str, stream: str, source: str, channels: Sequence[tuple[str,
         ours.close()
         receiver.close()
         raise
-    channel = f"{found['name']} on {found['host']}, {found['rate']:g} Hz"
+    rate = f"{found['rate']:g} Hz" if found["rate"] else "without a rate"
+    channel = f"{found['name']} on {found['host']}, {rate}"
     settings = {"stream": found["name"], "host": found["host"], "source": found["source"], "rate": f"{found['rate']:g}"}
     descriptor = os.dup(ours.fileno())
     ours.close()

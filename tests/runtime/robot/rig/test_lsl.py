@@ -1,6 +1,7 @@
 """The inlet of the Lab Streaming Layer on a rig: outlets of pylsl send, stop, restart and have the same name."""
 
 import os
+import re
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ from runtime.host.liblsl import Inlet, Outlet, found, load
 from runtime.robot.rig.errors import Refused
 from runtime.robot.rig.lsl_line import open_line, select
 from runtime.robot.rig.lsl_receiver import Rectified, receive
+from tests.checkout import ROOT
 from tests.optional import Library
 from tests.runtime.runs import write
 
@@ -121,6 +123,16 @@ def test_channels_are_selected_by_label_and_converted():
         select("here", [("d", "m")], given)
 
 
+def test_the_markers_of_the_page_give_the_angle_of_the_shank():
+    page = (ROOT / "docs" / "how_to" / "lsl.md").read_text()
+    emg, markers = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    names = {"__name__": "sample"}
+    exec(emg + markers, names)
+    trial = runtime.run(names["diagram"], 2.0, plant=names["plant"])
+    angle = trial["shank.y"][trial["mocap.received"] > 0]
+    assert angle.max() == pytest.approx(0.5, abs=1e-3) and angle.min() == pytest.approx(-0.5, abs=1e-3)
+
+
 def test_the_rectified_mean_of_a_sine_with_an_offset_is_its_mean_absolute_value():
     samples = [[40.0 + 3.0 * np.sin(2.0 * np.pi * 100.0 * k / 2000.0)] for k in range(4000)]
     rectified = Rectified(1, 5.0, 2000.0)
@@ -183,6 +195,20 @@ def test_a_stream_of_any_name_is_found(name):
     name = f"{name} {os.getpid()}"
     outlet = Outlet(name, "EMG", f"source of {name}", [("a", "V")])
     assert len(found(name)) == len(found(name, f"source of {name}")) == 1
+    outlet.close()
+
+
+def test_a_stream_of_irregular_samples_is_shown_as_one_without_a_rate():
+    name = f"irregular {os.getpid()}"
+    outlet = Outlet(name, "EMG", f"source of {name}", [("a", "V")])
+    opened = open_line("emg", name, "", [("a", "V")], rectify=0.0, max_delay=0.5)
+    os.close(opened.fd)
+    opened.close()
+    outlet.close()
+    assert opened.channel.endswith(", without a rate")
+    with pytest.raises(Refused, match="rectify needs a stream with a sampling rate"):
+        outlet = Outlet(name, "EMG", f"source of {name}", [("a", "V")])
+        open_line("emg", name, "", [("a", "V")], rectify=20.0, max_delay=0.5)
     outlet.close()
 
 
