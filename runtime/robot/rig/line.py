@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 from runtime.robot.rig.errors import Refused
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from serial import Serial
 
     from graph import StreamDevice
     from runtime.robot.rig.errors import RigProblem
+
+CHANNELS_ROOM = 960  # bytes for the channels in a line of 1023; the counter and the times take the rest
 
 
 @dataclass
@@ -40,6 +42,12 @@ class Opened:
     remarks: tuple[str, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
     close: Callable[[], object] | None = None
+
+
+def text_of(numbers: Sequence[float]) -> str:
+    """Return the channels of a sample as part of a line of text: exactly, unless the kernel's line is too short."""
+    text = ",".join(map(repr, numbers))
+    return text if len(text) <= CHANNELS_ROOM else ",".join([f"{number:.9g}" for number in numbers])
 
 
 def one_by_one(

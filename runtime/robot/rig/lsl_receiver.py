@@ -22,6 +22,7 @@ from runtime.host.ending import ignore_signals
 from runtime.host.errors import BadInput
 from runtime.host.liblsl import Inlet, found
 from runtime.host.run_mark import remove_mark
+from runtime.robot.rig.line import text_of
 
 WAIT = 0.1  # s, in which the end of the control process is noticed
 CORRECTION_PERIOD = 1.0  # s
@@ -103,9 +104,8 @@ def receive(
         stamp, values = taken[-1]
         if envelope is not None:
             values = envelope.of([values for _, values in taken])
-        numbers = ",".join([f"{value:.9g}" for value in values])
         with suppress(BlockingIOError):
-            passed.send(f"{counter},{numbers},{stamp:.9f},{offset:.9f}\n".encode())
+            passed.send(f"{counter},{text_of(values)},{stamp:.9f},{offset:.9f}\n".encode())
 
 
 class Rectified:

@@ -25,6 +25,7 @@ from runtime.host.ros2_messages import JOINT_STATE, NUMBERS, decode
 from runtime.host.ros2_node import Node, topic_of
 from runtime.host.run_mark import remove_mark
 from runtime.host.system import name_process
+from runtime.robot.rig.line import text_of
 
 TYPES = {"Float64MultiArray": NUMBERS, "JointState": JOINT_STATE}
 QUANTITIES = ("position", "velocity", "effort")  # fields of a JointState after its header and names
@@ -90,7 +91,7 @@ class Messages:
         if self.delay(now, now - stamp) > self.max_delay:
             return
         with suppress(ValueError, BlockingIOError):
-            numbers = ",".join([f"{value:.9g}" for value in self.values(decode(self.kind, data))])
+            numbers = text_of(self.values(decode(self.kind, data)))
             self.line.send(f"{number % 256},{numbers},{stamp:.9f}\n".encode())
 
     def delay(self, now: float, transit: float) -> float:

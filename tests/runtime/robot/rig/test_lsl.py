@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import runtime
+from blocks.sensors.received import CHANNELS_LIMIT
 from runtime.host.liblsl import Inlet, Outlet, found, load
 from runtime.robot.rig.errors import Refused
+from runtime.robot.rig.line import text_of
 from runtime.robot.rig.lsl_line import open_line, select
 from runtime.robot.rig.lsl_receiver import Rectified, receive
 from tests.checkout import ROOT
@@ -121,6 +123,17 @@ def test_channels_are_selected_by_label_and_converted():
         select("here", [("a", "N")], given)
     with pytest.raises(Refused, match="here has 0 channels 'd'"):
         select("here", [("d", "m")], given)
+
+
+def test_numbers_arrive_exactly_unless_a_line_is_too_short():
+    rng = np.random.default_rng(5)
+    for count in (1, 20, 38):
+        numbers = (rng.normal(size=count) * 10.0 ** rng.integers(-300, 300, count)).tolist()
+        numbers[0] = 1795903895.123456  # s since 1970
+        assert list(map(float, text_of(numbers).split(","))) == numbers
+    many = text_of([-1.2345678912345678e-300] * CHANNELS_LIMIT)
+    assert len(many) <= 960 and float(many.split(",")[-1]) == pytest.approx(-1.2345678912345678e-300, rel=1e-8)
+    assert list(map(float, text_of([np.inf, -np.inf]).split(","))) == [np.inf, -np.inf]
 
 
 def test_the_markers_of_the_page_give_the_angle_of_the_shank():
