@@ -185,10 +185,11 @@ def found(name: str, source: str = "", enough: int = 64) -> list[StreamInfo]:
 
 
 class Inlet:
-    """Receiver of a stream of numbers. It continues with a new outlet of the same source_id.
+    """Receiver of a stream of numbers. It continues with a new outlet of the same source_id, channels and rate.
 
     about : {"name", "host", "source", "rate", "channels": [(label, unit)]}
     rate : Hz, 0 for irregular samples
+    restarts : number of new outlets. liblsl counts those after the first call of `correction`
 
     Raises OSError.
     """
@@ -214,6 +215,8 @@ class Inlet:
             "name": name, "host": info.host, "source": info.source, "rate": self.rate, "channels": channels
         }  # fmt: skip
         self.values, self.stamps = (c_double * (CHUNK * self.width))(), (c_double * CHUNK)()
+        self.restarts = 0
+        self.same: bool | None = True  # whether the present outlet has the channels of the first; None: not yet known
 
     def pull(self, timeout: float) -> tuple[list[list[float]], list[float]]:
         """Return (samples, time stamps by the sender's clock) that have arrived; wait `timeout` s for the first.
@@ -230,11 +233,11 @@ class Inlet:
             self.handle, self.values, self.stamps, len(self.values), CHUNK, 0.0, byref(self.error)
         )
         samples += [self.values[at : at + self.width] for at in range(0, count, self.width)]
-        return samples, stamps + self.stamps[: count // self.width]
-
-    def was_replaced(self) -> bool:
-        """Return whether liblsl has connected to another outlet of the source_id since the last call."""
-        return bool(load("an inlet").lsl_was_clock_reset(self.handle))
+        if load("an inlet").lsl_was_clock_reset(self.handle):
+            self.restarts, self.same = self.restarts + 1, None
+        if self.same is None:
+            self.same = self.has_same_channels()
+        return (samples, stamps + self.stamps[: count // self.width]) if self.same else ([], [])
 
     def has_same_channels(self) -> bool | None:
         """Return whether the present outlet has the channels and the rate of the first; None if it does not respond.

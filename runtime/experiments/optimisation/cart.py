@@ -353,10 +353,14 @@ def _lsl(name):
         inlet = Inlet(infos[0])
     except OSError as error:
         raise BadInput(f"--cost lsl:{name}: {error.strerror}") from None
+    inlet.correction()  # from then on it sees a restart of the sender
     waiting = ["\t".join(["time (s)", *(f"{label} ({unit})" for label, unit in inlet.about["channels"])])]
 
     def read():
-        samples, stamps = inlet.pull(0.0)
+        try:
+            samples, stamps = inlet.pull(0.0)
+        except OSError:  # it is lost permanently: a measurement without samples
+            return b""
         lines = ["\t".join(map(repr, (stamp, *sample))) for sample, stamp in zip(samples, stamps)]
         text = "".join(f"{line}\n" for line in (*waiting, *lines))
         waiting.clear()

@@ -70,28 +70,21 @@ def receive(
     rectify: float,
     max_delay: float,
 ) -> None:
-    """Pass samples on until a process has ended. control : pidfd of the control process
-
-    After a restart of the sender, samples are passed on if it has the same channels.
-    """
+    """Pass samples on until a process has ended. control : pidfd of the control process"""
     passed.setblocking(False)
     ended = select.poll()
     ended.register(control, select.POLLIN)
-    counter, corrected, offset, same = 0, -math.inf, None, True
+    counter, corrected, offset, restarts = 0, -math.inf, None, 0
     envelope = Rectified(len(places), rectify, inlet.rate) if rectify else None
     while not ended.poll(0):
         samples, stamps = inlet.pull(WAIT)
         if not stamps:
             continue
         now = inlet.clock()
-        if inlet.was_replaced():
-            corrected, same = -math.inf, None
-        if same is None:
-            same = inlet.has_same_channels()
-        if now - corrected > CORRECTION_PERIOD:
-            corrected, offset = now, inlet.correction()
+        if now - corrected > CORRECTION_PERIOD or restarts != inlet.restarts:
+            corrected, offset, restarts = now, inlet.correction(), inlet.restarts
         counter = (counter + 1) % 256
-        if offset is None or not same:
+        if offset is None:
             continue
         now = inlet.clock()  # the first correction takes a while
         taken = [

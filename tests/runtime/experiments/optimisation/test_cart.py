@@ -144,16 +144,21 @@ def test_pipe_and_serial_line_are_read(tmp_path):
     assert cart.take(2.0) == []  # unplugged
 
 
-def test_a_stream_of_the_lab_streaming_layer_is_a_table():
+def gas_outlet(name, labels, source=None):
+    """An outlet of a metabolic cart. source : source_id, by default the name"""
     pylsl = pytest.importorskip("pylsl")
-    name = f"cart {os.getpid()}"
-    info = pylsl.StreamInfo(name, "Gas", 2, 0.0, "double64", name)
+    info = pylsl.StreamInfo(name, "Gas", len(labels), 0.0, "double64", name if source is None else source)
     channels = info.desc().append_child("channels")
-    for label in ("VO2", "VCO2"):
+    for label in labels:
         channel = channels.append_child("channel")
         channel.append_child_value("label", label)
         channel.append_child_value("unit", "mL/min")
-    outlet = pylsl.StreamOutlet(info)
+    return pylsl.StreamOutlet(info)
+
+
+def test_a_stream_of_the_lab_streaming_layer_is_a_table():
+    name = f"cart {os.getpid()}"
+    outlet = gas_outlet(name, ("VO2", "VCO2"))
     cart = open_cart(f"lsl:{name}")
     assert cart.take(0.0) == []
     outlet.push_sample([1000.0, 900.0])
@@ -165,6 +170,46 @@ def test_a_stream_of_the_lab_streaming_layer_is_a_table():
     assert at == 1.0 and rate == pytest.approx(power(1.0 / 60.0, 0.9 / 60.0))
     with pytest.raises(BadInput, match="--cost lsl:no cart: 0 streams have this name, expected 1"):
         open_cart("lsl:no cart")
+
+
+def test_a_stream_that_is_lost_permanently_gives_no_samples():
+    name = f"lost cart {os.getpid()}"
+    outlet = gas_outlet(name, ("VO2", "VCO2"), source="")
+    cart = open_cart(f"lsl:{name}")
+    del outlet
+    deadline = time.monotonic() + 2.0
+    while time.monotonic() < deadline:
+        assert cart.take(1.0) == []
+        time.sleep(0.05)
+
+
+@pytest.mark.soak  # liblsl takes seconds to find a restarted outlet
+@pytest.mark.paced
+def test_a_cart_that_restarts_with_its_columns_exchanged_is_not_read():
+    name = f"restarted cart {os.getpid()}"
+    outlet = gas_outlet(name, ("VO2", "VCO2"))
+    cart = open_cart(f"lsl:{name}")
+
+    def sent(sample):
+        taken = []
+        for _ in range(100):
+            outlet.push_sample(sample)
+            taken += cart.take(1.0)
+            time.sleep(0.1)
+            if taken and sample[0] == 1000.0:
+                break
+        return {round(value, 6) for _, value in taken}
+
+    expected = {round(power(1.0 / 60.0, 0.9 / 60.0), 6)}
+    assert sent([1000.0, 900.0]) == expected
+    for labels, sample, values in (
+        (("VCO2", "VO2"), [900.0, 999.0], set()),
+        (("VO2", "VCO2"), [1000.0, 900.0], expected),
+    ):
+        outlet = None
+        time.sleep(0.2)
+        outlet = gas_outlet(name, labels)
+        assert sent(sample) == values
 
 
 def test_tcp_stream_is_connected_again_after_loss(monkeypatch):
