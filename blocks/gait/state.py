@@ -32,9 +32,10 @@ class GaitState(Block):
         with knees   −Σ mean(q ω) / (2 √(mean(q) mean(q ω²))); −0.05 and −0.3
 
     where ω is the velocity of the other knee, which extends in stance while this one is flexed in swing, and q the
-    square of the flexion of this one beyond its mean. A stand of 1 s discards them, since the next steps may go the
-    other way, and walking begins half a stride after it at the earliest. `direction` is the number that is used, scaled
-    to 0 where walking ends and 1 where it may begin. For a robot with one leg, connect the rate of its shank.
+    square of the flexion of this one beyond its mean. A stand discards them, since the next steps may go the other way.
+    If it lasts for 1 s, walking begins half a stride after it at the earliest; else, as with sticks, it continues
+    unless a number is negative from 0.15 strides after it on. `direction` is the number that is used, scaled to 0 where
+    walking ends and 1 where it may begin. For a robot with one leg, connect the rate of its shank.
 
     Limits: standing is not detected if the thighs sway faster than the limit; without shanks, stepping in place can
     count as walking; knees that hardly extend in stance, or an uneven gait, can count as the other direction. Direct

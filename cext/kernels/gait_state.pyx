@@ -18,8 +18,9 @@ cdef double DIRECTION_SHARE = 0.9       # of a stride, time constant of the evid
 cdef double FIRST_STRIDE = 1.1          # s, until a stride was measured
 cdef double SHORTEST_STRIDE = 0.5       # s, between two beginnings of the left phase
 cdef double LONGEST_STRIDE = 3.0
-cdef double DISCARD_TIME = 1.0          # s of a stand, after which the next steps may go the other way
-cdef double DIRECTION_AFTER = 0.5       # of a stride since such a stand, in which each leg moves either way
+cdef double DISCARD_TIME = 1.0          # s of a stand, after which a walk has ended
+cdef double DIRECTION_AFTER = 0.5       # of a stride since a stand, in which each leg moves either way,
+cdef double DIRECTION_KNOWN = 0.15      # and in which steps begin to show the direction
 cdef double SHANK_LOW = 0.3             # evidence below which the wearer no longer walks forward,
 cdef double SHANK_HIGH = 0.45           # and from which on walking forward begins
 cdef double THIGH_LOW = 0.0
@@ -56,7 +57,7 @@ cdef enum:
     WEIGHT = 15                 # means of the weight of each knee,
     WEIGHTED = 17               # of its product with the velocity of the other knee,
     WEIGHTED_SQUARE = 19        # and with the square of that
-    MOVED = 21                  # strides since the last stand that discarded them
+    MOVED = 21                  # strides since the last stand
 
 
 cdef inline bint forward(double *arena, const Direction *at, double phase, double left, double right) noexcept nogil:
@@ -112,16 +113,18 @@ cdef inline bint forward(double *arena, const Direction *at, double phase, doubl
             if variances > 0.0:
                 knees -= 0.5 * m[WEIGHTED + side] / sqrt(variances)
         evidence = (knees - KNEE_LOW) / (KNEE_HIGH - KNEE_LOW)
-    m[FORWARD] = (evidence >= 1.0 and m[MOVED] >= DIRECTION_AFTER) or (m[FORWARD] != 0.0 and evidence >= 0.0)
+    # After a short stand the decision lasts until new steps show the direction.
+    m[FORWARD] = (evidence >= 1.0 and m[MOVED] >= DIRECTION_AFTER) \
+        or (m[FORWARD] != 0.0 and (evidence >= 0.0 or m[MOVED] < DIRECTION_KNOWN))
     arena[at.direction] = evidence if is_finite(evidence) else 0.0
     return m[FORWARD] != 0.0
 
 
-cdef inline void forget(double *m) noexcept nogil:
-    """Discard the evidence of the direction: the next steps may go the other way."""
+cdef inline void forget(double *m, bint ended) noexcept nogil:
+    """Discard the evidence of the direction, and the decision if the walk has ended: steps may go the other way."""
     cdef int i
     for i in range(MOVED + 1):
-        if i < AGE or i > LAST:
+        if i < AGE or i > FORWARD or (i == FORWARD and ended):
             m[i] = 0.0
 
 
@@ -226,8 +229,8 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
         apart = 0.5
     track[APART] += share * (apart - track[APART])
     arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
-    if track[STILL] >= DISCARD_TIME or track[SLOW] >= STEP_TIME:
-        forget(arena + at.direction.evidence)
+    if arena[at.standing] != 0.0:
+        forget(arena + at.direction.evidence, track[STILL] >= DISCARD_TIME or track[SLOW] >= STEP_TIME)
     arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and ahead and steady \
         and track[APART] < arena[at.tolerance]
     arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]

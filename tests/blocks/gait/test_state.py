@@ -385,3 +385,22 @@ def test_the_first_stride_after_a_stumble_and_a_stop_is_not_the_usual_one():
     walking = inside(GaitState, **signals)["walking"]
     assert walking[(time > 3.0) & (time < 5.0)].all() and not walking[(time > 5.1) & (time < 8.0)].any()
     assert walking[time > 8.0 + 1.1 * stride].all()
+
+
+@pytest.mark.hazard("H12e")
+def test_steps_backward_after_a_short_stand_are_walking_for_less_than_a_third_of_a_stride():
+    walk = walk_of("")
+    own = np.median(np.diff(walk["left"].strikes))  # s
+    moved = np.arange(0.0, 9.0, 1.0 / RATE)
+    for begin in own * (3.0 + np.arange(8) / 8.0):
+        signals, still = {}, np.zeros(int(0.4 * RATE))
+        for side, apart in (("left", 0.0), ("right", 0.5)):
+            rate = walk[side].signals["thigh_velocity"]
+            forward = np.interp(begin - moved[::-1] % own, walk[side].time, rate)
+            backward = -np.interp(begin - moved % own, walk[side].time, rate)
+            signals[f"{side}_velocity"] = np.concatenate((forward, still, backward))
+            count = len(signals[f"{side}_velocity"])
+            signals[f"{side}_phase"] = (np.arange(count) / RATE / own + apart) % 1.0
+            signals[f"{side}_walking"] = np.ones(count, dtype=bool)
+        walking = inside(GaitState, **signals)["walking"][len(moved) + len(still) :]
+        assert walking.sum() / RATE < 0.3 * own
