@@ -73,7 +73,7 @@ cdef class Executor(Waiting):
     guard : s of the guardian's silence that end the run; no other node may then command the devices, and in real time a
         watchdog checks for blocks that hang. 0 without a guardian
     grace : s of a delay that the run tolerates at least, where nothing must be stopped: all of it of a pause of every
-        process, half of it of a step. 0 for the ordinary limits
+        process and of the start of the blocks, half of it of a step. 0 for the ordinary limits
     carried : whether the guardian carries the frames of any bus: after its death, the safe stop is one round here, and
         the caller continues it
     others : processors of the watchdog; by default those of the thread that runs

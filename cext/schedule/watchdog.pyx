@@ -57,7 +57,8 @@ cdef class Watchdog:
 
     program : Program whose ticks are watched, and whose devices are stopped
     period : ns
-    grace : ns of a delay that the run tolerates at least. A tick may work for half of it: earlier than the guardian
+    grace : ns of a delay that the run tolerates at least. The start of the blocks may take
+        all of it, and a tick half of it: earlier than the guardian
     wanted : whether to watch at all
     processors : processors of the thread; those of the loop if empty
     """
@@ -68,9 +69,8 @@ cdef class Watchdog:
         for number in processors:
             CPU_SET(number, &self.processors)
         self.program, self.publisher, self.caught = program, publisher, signals.caught
-        self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
-        self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
-        self.limit = max(self.limit, grace // 2)
+        self.limit = max(HANG_PERIODS * period, HANG_MINIMUM, grace // 2)
+        self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM, grace) - self.limit
         self.handover = &self.shared if wanted else NULL
         program.hand_over(self.handover)
 

@@ -191,6 +191,21 @@ def test_a_block_that_hangs_at_the_start_prevents_the_first_tick():
     assert outcome.hung >= 0.04 and rigs[0].commands() == [] and rigs[0].sent()[-4:] == [NOTHING, DISABLE] * 2
 
 
+def test_the_start_of_blocks_may_take_all_of_the_grace_of_a_run_that_has_nothing_to_stop():
+    rigs = []
+
+    def start():
+        if rigs and rigs[0].shared.state == "arming":
+            time.sleep(0.3)
+
+    def law(side, knee):
+        return Slow(time.monotonic, start if side == "left" else time.monotonic, name=f"{side}_law")(knee.position)
+
+    rigs.append(robot(law, grace=0.4))
+    outcome = rigs[0].run(100)
+    assert outcome.status == "ok" and rigs[0].tick[-1] == 99
+
+
 @needs_compiler
 def test_spinning_native_kernel_is_reported_repeatedly(tmp_path):
     space = {"ctypes": ctypes, "Block": Block, "Input": Input, "Output": Output}
