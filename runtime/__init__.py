@@ -55,6 +55,17 @@ def __dir__() -> list[str]:
     return __all__
 
 
+if not TYPE_CHECKING:
+
+    def __getattr__(name):
+        """Raise AttributeError for a function that there is not, with the one that does what its name says."""
+        other = {
+            "plot": "a recording plots itself, as in runtime.load('trials').plot('knee.torque')",
+            "start": "runtime.connect starts a robot for a loop of your own, runtime.run runs it to its end",
+        }.get(name, f"its functions are {', '.join(__all__)}")
+        raise AttributeError(f"runtime has no {name!r}: {other}", name=name)
+
+
 @overload
 def load(path: str | os.PathLike[str]) -> Trial | Any: ...  # Any: the Trials of a pattern
 
@@ -142,6 +153,7 @@ def run(
     thread, the run continues to its end, however often Ctrl-C is pressed: give it a duration. One in real time is
     stopped from another shell by `python -m runtime set PID --stop`, and by the end of this process.
     """
+    _check("run", locals())
     with _CheckedImports():
         from runtime.host.errors import BadInput
 
@@ -194,6 +206,7 @@ def simulate(
     Arguments, recorded signals and errors as in `run`. Any division into steps gives the signals of one `run`, bit for
     bit. Returns a runtime.session.simulate.SimulatedRun.
     """
+    _check("simulate", locals())
     with _CheckedImports():
         from runtime.session.simulate import SimulatedRun
 
@@ -245,6 +258,7 @@ def connect(
     Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedLoop with
     the same names. Iteration raises runtime.host.errors.RunFault after a fault. Raises BadInput.
     """
+    _check("connect", locals())
     if fast and rig is None:
         _refuse(options)
         with _CheckedImports():
@@ -278,6 +292,7 @@ def check(
 
     Returns a runtime.session.check.text.Report, a dict. Raises BadInput if a file cannot be read.
     """
+    _check("check", locals())
     with _CheckedImports():
         from graph import Diagram
         from runtime.host.errors import BadInput
@@ -322,6 +337,7 @@ def linearise(
     The system's names have `:` in place of each `.`, and `system.units` has the units by the diagram's names. Raises
     BadInput for a diagram that is not linear there, as at a limit, and MissingExtra without python-control.
     """
+    _check("linearise", locals())
     with _CheckedImports():
         from runtime.host.options import pairs_of
         from runtime.session.linearise import linearise
@@ -358,6 +374,7 @@ def trim(
     Returns a runtime.session.linearise.Trim. Raises BadInput if no steady state is found, with the state that changes
     most, and MissingExtra without python-control.
     """
+    _check("trim", locals())
     with _CheckedImports():
         from runtime.host.options import pairs_of
         from runtime.session.linearise import trim
@@ -414,6 +431,7 @@ def study(
     The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
     values. Returns a runtime.experiments.studies.result.StudyResult. Raises BadInput.
     """
+    _check("study", locals())
     with _CheckedImports():
         from pathlib import Path
 
@@ -474,6 +492,7 @@ def optimise(
     runtime.experiments.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the
     optimiser's package.
     """
+    _check("optimise", locals())
     with _CheckedImports():
         from pathlib import Path
 
@@ -490,6 +509,14 @@ def optimise(
         seed=seed,
     )
     return run(description, None if output is None else Path(output), workers, dask)
+
+
+def _check(function, given):
+    """Raise BadInput for an argument of a type that cannot be valid. function : its name; given : by name"""
+    with _CheckedImports():
+        from runtime.host.arguments import check_arguments
+
+    check_arguments(function, given)
 
 
 def _refuse(options):
@@ -529,7 +556,9 @@ def _plain_lists(table: Any) -> Any:
     if not hasattr(table, "items"):
         return table
     return {
-        name: [value.item() if hasattr(value, "item") else value for value in values]
+        name: values.tolist()
+        if hasattr(values, "tolist")
+        else [value.item() if hasattr(value, "item") else value for value in values]
         if hasattr(values, "__iter__") and not isinstance(values, str)
         else values
         for name, values in table.items()

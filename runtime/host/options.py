@@ -145,8 +145,10 @@ def trial_fields(texts: Sequence[str]) -> dict[str, str]:
 
 def pairs_of(given: Any) -> list[tuple[str, Any]]:
     """Return the pairs (name, value) of an argument `settings`, a dict or pairs. Raises BadInput for another form."""
-    pairs: list[Any] = list(given.items() if hasattr(given, "items") else given)
-    if not all(isinstance(pair, (tuple, list)) for pair in pairs) or any(len(pair) != 2 for pair in pairs):
+    pairs: list[Any] = list(given.items() if hasattr(given, "items") else given or ())
+    if not all(isinstance(pair, (tuple, list)) for pair in pairs) or any(
+        len(pair) != 2 or not isinstance(pair[0], str) for pair in pairs
+    ):
         raise BadInput(f'settings={given!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
     return pairs
 

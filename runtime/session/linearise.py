@@ -206,6 +206,8 @@ def linearise(
         path, _, port = name.rpartition(".")
         arena[schedule.inputs[path][port]] = value
     model = Model(diagram, schedule, arena, inputs, outputs)
+    if not len(model.slots) + len(model.inputs):
+        raise BadInput(f"{diagram.name} has no states, and no input is named: name one, as in ['pendulum.torque']")
     A, B, C, D = model.jacobian()
     model.check(A, B, C, D)
     A, B, C, states = observed(A, B, C, model.states)

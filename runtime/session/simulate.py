@@ -20,6 +20,7 @@ from msgspec.structs import replace
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph.solvers import INACCURATE
+from runtime.host.arguments import check_arguments, is_number
 from runtime.host.errors import BadInput, RunFault, UnknownName
 from runtime.host.interrupts import interruptible, show_as_line
 from runtime.host.live.requests import as_text, changes_of
@@ -70,7 +71,7 @@ def value_of(place: SignalPlace, arena: np.ndarray) -> Any:
 
 def check_above_zero(name: str, value: Any) -> None:
     """Raise BadInput unless an argument is a finite number above 0. name : name of the argument"""
-    if not isinstance(value, numbers.Real) or not 0.0 < float(value) < math.inf:
+    if value is None or not is_number(value) or not value > 0.0:
         raise BadInput(f"{name}={value!r}: expected a finite number above 0")
 
 
@@ -163,7 +164,7 @@ class SimulatedRun:
         Raises RunFault at a fault, which ends the run, and BadInput after the end. A signal, such as Ctrl-C, is
         handled between two ticks.
         """
-        count = 1.0 if seconds is None else seconds * self.rate
+        count = 1.0 if seconds is None else seconds * self.rate if is_number(seconds) else math.nan
         if not (0.5 < count < math.inf and abs(count - round(count)) < 1e-6 * count):
             raise BadInput(
                 f"step({seconds!r}): expected a whole number of ticks, which take {1.0 / self.rate:g} s each"
@@ -209,6 +210,10 @@ class SimulatedRun:
 
         Raises KeyError with a suggestion for an unknown name.
         """
+        if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise UnknownName(
+                f"{path!r} is not the name of a signal or parameter", "pass text, as in sim['knee.torque']"
+            )
         if path in self._schedule.signals:
             return value_of(self._schedule.signals[path], self._control.values)
         plant, program = self._simulation.plant, self._simulation.program
@@ -253,7 +258,7 @@ class SimulatedRun:
 
         Raises BadInput.
         """
-        self.set({name: value})
+        self.set({name: value} if isinstance(name, str) else name)  # pyright: ignore[reportUnnecessaryIsInstance]
 
     def set(self, changes: Mapping[str, Any]) -> None:
         """Change live parameters from the next tick on, together, such as two with a rule between them.
@@ -264,6 +269,7 @@ class SimulatedRun:
         """
         if self._trial is not None:
             raise BadInput(ENDED)
+        check_arguments("set", {"changes": changes})
         found = [
             change
             for name, value in changes.items()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from runtime.host.arguments import is_number
 from runtime.host.errors import BadInput
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def resample_trial(trial: T, rate: float) -> T:
 
     Raises BadInput for an empty trial.
     """
-    if not rate > 0.0 or not np.isfinite(rate):
+    if not is_number(rate) or not rate or rate < 0.0:
         raise BadInput(f"resample({rate!r}): expected a rate in Hz above 0")
     if not len(trial):
         raise BadInput(f"{trial.path} has no ticks")
