@@ -87,6 +87,8 @@ class ChargePump(GpioLine, StreamDevice):
         super().configure()
         if isinstance(self.protects, str):
             self.protects = (self.protects,)
+        if not all(isinstance(name, str) for name in self.protects):
+            raise ValueError(f"protects must be paths or buses of actuators, got {self.protects!r}")
         if self.pin and (self.port or self.serial):
             raise ValueError(
                 f"pin = {self.pin!r} and port = {self.port or self.serial!r}: the output is either a GPIO line "

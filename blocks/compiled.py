@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
-from pathlib import Path
 from typing import Any
 
-from blocks._plumbing.paths import file_param, path_beside
+from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import check_port_names, unit_and_limits
 from cext.kernels import compiled as kernels
+from cext.user_files import read_small
 from graph import Block, Input, Memory, Output, Param, units
 from graph.declarations import Port
+
+LIBRARY_LIMIT = 256 << 20  # bytes
 
 
 class Compiled(Block):
@@ -40,14 +42,18 @@ class Compiled(Block):
     kernel = kernels.step
 
     def configure(self) -> None:
-        self.file = str(path_beside(self.location, self.file))
         check_port_names([*self.takes, *self.gives], _RESERVED_NAMES)
         self.inputs = type(self).inputs | {
             name: Input(unit, "input of the controller").named(name) for name, unit in self.takes.items()
         }
         self.outputs = type(self).outputs | {name: output(name, stated) for name, stated in self.gives.items()}
+        content = read_small(self.file, LIBRARY_LIMIT)
+        if not content.startswith(b"\x7fELF"):
+            raise ValueError(
+                f"{self.file}: it is not a shared library: compile one with `gcc -shared -fPIC`, and name that file"
+            )
         try:
-            self.library = kernels.Library(Path(self.file).read_bytes())
+            self.library = kernels.Library(content)
         except ValueError as error:
             raise ValueError(f"{self.file}: {error}") from None
         for what, ports, count in (

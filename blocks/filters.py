@@ -21,7 +21,8 @@ class _Edges(Param[Any]):
 
     def check(self, value: Any) -> Any:
         if is_row(value):
-            return tuple(_EDGE.check(edge) for edge in value)
+            edges = tuple(_EDGE.check(edge) for edge in value)
+            return edges if len(edges) > 1 else _EDGE.check(value)
         return _EDGE.check(value)
 
     def parse(self, text: str) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blocks._plumbing.fmus import FLOATS, Slave, kind_of, limits
-from blocks._plumbing.paths import file_param, path_beside
+from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import port_name, unit_and_limits
 from graph import Block, Input, Output, Param, units
 from graph.names import suggestion
@@ -63,7 +63,6 @@ class Fmu(Block):
     )
 
     def configure(self) -> None:
-        self.file = str(path_beside(self.location, self.file))
         self.allowance = self.step_time
         try:
             self.slave = Slave(self.file)

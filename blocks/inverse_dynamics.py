@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blocks._plumbing.paths import file_param, path_beside
+from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import check_port_names, port_name
 from blocks._plumbing.robot_files import Body, Joint, bodies_of
 from blocks.mujoco import files_of, listed
@@ -57,10 +57,8 @@ class InverseDynamics(Block):
     kernel = kernels.inverse_dynamics
 
     def configure(self) -> None:
-        path = path_beside(self.location, self.file)
-        self.file = str(path)
         try:
-            self.tree = links_of(bodies_of(path), self.joints)
+            self.tree = links_of(bodies_of(Path(self.file)), self.joints)
         except ValueError as error:
             raise ValueError(f"{self.file}: {error}") from None
         self.links = np.concatenate([link.numbers() for link in self.tree])

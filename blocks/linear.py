@@ -14,6 +14,7 @@ import numpy as np
 
 from blocks._plumbing.biquads import Biquads
 from blocks._plumbing.filter_bounds import design_at, reach_of_cascade, reach_of_state_space, stable
+from blocks._plumbing.ports import finite_numbers
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output, Param
 from graph.interval import EVERYTHING
@@ -191,7 +192,10 @@ class BiquadCascade(Biquads):
     sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows (b0, b1, b2, a0, a1, a2), one per section")
 
     def configure(self) -> None:
-        rows = np.asarray(self.sos, dtype=float)
+        try:
+            rows: Any = np.asarray(self.sos, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            rows = np.empty(0)
         shaped = rows.ndim == 2 and rows.shape[1] == 6 and len(rows)
         if not shaped or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
             raise ValueError(
@@ -247,7 +251,7 @@ class StateSpace(Block):
         A, B, C = (matrix(name, getattr(self, name)) for name in "ABC")
         n, m, p = len(A), B.shape[1], len(C)
         D = matrix("D", self.D) if len(self.D) else np.zeros((p, m))
-        start = np.asarray(self.start, dtype=float) if len(self.start) else np.zeros(n)
+        start = np.array(finite_numbers("start", self.start)) if len(self.start) else np.zeros(n)
         for name, shape, expected in (
             ("A", A.shape, (n, n)),
             ("B", B.shape, (n, m)),
@@ -301,8 +305,8 @@ def matrix(name: str, rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
     """Return a two-dimensional array of finite numbers. ValueError for other rows."""
     try:
         array = np.array(rows, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected rows of numbers of equal length") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: expected rows of numbers of equal length, got {rows!r}") from None
     if array.ndim != 2 or not array.size or not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: expected rows of finite numbers, got {rows!r}")
     return array

@@ -44,7 +44,7 @@ class And(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     y = Output("1", "true if all inputs are true", shape=..., dtype=bool)
 
@@ -63,7 +63,7 @@ class Or(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     y = Output("1", "true if any input is true", shape=..., dtype=bool)
 
@@ -82,7 +82,7 @@ class Xor(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     y = Output("1", "true if an odd number of inputs are true", shape=..., dtype=bool)
 
@@ -242,7 +242,7 @@ class Selector(Block):
     passes from the selected input and from the index only.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     index = Input("1", "number of the selected input, from 0", dtype=int)
     y = Output("any", "selected input", shape=...)

@@ -47,7 +47,7 @@ class Sign(Block):
 class Min(Block):
     """Minimum of several signals: y = min(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     y = Output("any", "smallest input", shape=...)
 
@@ -63,7 +63,7 @@ class Min(Block):
 class Max(Block):
     """Maximum of several signals: y = max(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
     y = Output("any", "largest input", shape=...)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from blocks._plumbing.mjcf_size import check_size
-from blocks._plumbing.paths import file_param, path_beside
+from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import port_name
 from cext.kernels.mujoco import IN_USE, UNSTABLE, Simulation, advance, observe
 from graph import Block, Input, Memory, Output, Param
@@ -87,7 +87,6 @@ class MujocoBody(Block):
     update_kernel = advance
 
     def configure(self) -> None:
-        self.file = str(path_beside(self.location, self.file))
         self.mujoco = mujoco = library()
         try:
             check_size(Path(self.file))

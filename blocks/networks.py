@@ -8,7 +8,7 @@ from typing import Any
 
 from blocks._plumbing.network_files import reason, weights_of
 from blocks._plumbing.network_ports import Description, describe, tensors
-from blocks._plumbing.paths import file_param, path_beside
+from blocks._plumbing.paths import file_param
 from cext.kernels.networks.inference import tick
 from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model, runtime_version
 from cext.kernels.networks.worker import Owner, Worker, delayed
@@ -98,7 +98,6 @@ class OnnxModel(Block):
     )
 
     def configure(self) -> None:
-        self.file = str(path_beside(self.location, self.file))
         try:
             self.loaded = loaded = self.load()
             self.description = describe(loaded.metadata, self.channels, self.results, reserved=_RESERVED_NAMES)

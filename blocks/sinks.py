@@ -2,9 +2,9 @@
 
 from math import isfinite
 from numbers import Real
-from pathlib import Path
 from typing import Any
 
+from cext.user_files import read_small
 from graph import Param, Sink
 
 NOTE_LENGTH = 200  # characters of the note on a mark
@@ -81,7 +81,7 @@ class Panel(Sink):
     service = "panel"
 
     def configure(self) -> None:
-        lines = Path(self.marks_file).read_text(encoding="utf-8").splitlines() if self.marks_file else []
+        lines = read_small(self.marks_file).decode().splitlines() if self.marks_file else []
         notes: list[Any] = [*self.marks, *filter(None, map(str.strip, lines))]
         for note in notes:
             if not isinstance(note, str) or not 0 < len(note) <= NOTE_LENGTH or not note.isprintable():

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from blocks._plumbing.csv_columns import read_columns
+from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import UnitOfOutput, finite_numbers
 from cext.kernels import sources as kernels
 from graph import Block, Interval, Memory, Output, Param, units
@@ -191,9 +192,7 @@ class Playback(_OverTime, Block):
     `knee.position [rad]`. A NaN in the file gives NaN, even while interpolating to and from it.
     """
 
-    file = Param(
-        "", "1", "path of the CSV file; separated by commas, semicolons or tabs", required=True, dtype=str, file=True
-    )
+    file = file_param("CSV file with commas, semicolons or tabs")
     column = Param("", "1", "name of the column", required=True, dtype=str)
     time = Param("time", "1", "name of the column of times, in s")
     interpolation = Param(
@@ -213,7 +212,10 @@ class Playback(_OverTime, Block):
                 f"{self.file}: {self.column} is in {written}, not in {self.unit}. Convert it with a UnitConversion"
             )
         self.of_column = units.canonical(self.unit or written or units.ANY)
-        self.take(times - times[0], samples)
+        try:
+            self.take(times - times[0], samples)
+        except ValueError as error:
+            raise ValueError(f"{self.file}, column {self.time!r}: {error}") from None
 
     def output_units(self, **inputs: str) -> dict[str, str]:
         return {"y": self.of_column}

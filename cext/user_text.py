@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 TEXT_LIMIT = 0.02  # s for one text
+REPR_LENGTH_LIMIT = 300  # characters of a value in a message
 
 
 def text_of(value: object, limit: float = TEXT_LIMIT) -> str:
@@ -26,9 +27,13 @@ def text_of(value: object, limit: float = TEXT_LIMIT) -> str:
     return bound_text(lambda: str(value), limit)
 
 
-def repr_of(value: object) -> str:
-    """Return repr(value), or in parentheses the reason why it has none."""
-    return bound_text(lambda: repr(value), TEXT_LIMIT)
+def repr_of(value: object, length: int = REPR_LENGTH_LIMIT) -> str:
+    """Return repr(value), or in parentheses the reason why it has none.
+
+    length : characters after which the text is cut, and ends in its full length
+    """
+    text = bound_text(lambda: repr(value), TEXT_LIMIT)
+    return text if len(text) <= length else f"{text[:length]}... ({len(text)} characters)"
 
 
 def name_and_text(error: BaseException, limit: float = TEXT_LIMIT) -> str:

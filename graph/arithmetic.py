@@ -148,7 +148,7 @@ class UnitConversion(Block):
 class Stack(Block):
     """Stack of signals of one shape along a new first axis, as numpy.stack: three scalars make a vector (3,)."""
 
-    count = Param(2, "1", "number of inputs", min=1, fixed=True)
+    count = Param(2, "1", "number of inputs", min=1, max=1000, fixed=True)
     shape = Param((), "1", "shape of each input, () for scalars")
 
     y = Output("any", "stacked inputs")

@@ -15,6 +15,7 @@ from graph.block import Sink
 from graph.class_checks import CLOCK
 from graph.device import Device
 from graph.device_assembly import DeviceAssembly
+from graph.diagnostics import Diagnostic, DiagramError
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
 from graph.rules import held_bounds_of
@@ -55,7 +56,10 @@ class Assembly:
         }
         for block in self.native:
             if not CHECKED.isdisjoint(vars(block)):  # else the check of its class holds for it
-                check_kernels(block)
+                try:
+                    check_kernels(block)
+                except TypeError as error:
+                    raise DiagramError(Diagnostic("TW010", str(error), block.path, where=block.location)) from None
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.held_start = len(self.layout)
         self.places |= self.place_outputs(block for block in self.in_order if block.conditions)

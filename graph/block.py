@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict
 
 from cext.rules import Rule
-from cext.user_text import repr_of, text_of
+from cext.user_text import name_and_text, repr_of, text_of
 from graph import hints
-from graph.class_checks import arguments_of, check_class
-from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
+from graph.class_checks import arguments_of, check_class, wrong_attributes
+from graph.declarations import Declaration, Declared, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count, note_stray
+from graph.files import path_beside
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import count, snake_case, suggestion
+from graph.narrowing import is_table
 from graph.rules import DT, bound, held_bounds_of, rules_of
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
@@ -91,6 +93,7 @@ class Block:
     settle: ClassVar[Callable[..., Any]]
     _scratch: Scratch | None = None
     _rules: ClassVar[list[Rule]] = []
+    _files: ClassVar[tuple[str, ...]] = ()  # parameters that are paths of files
     _own: ClassVar[dict[str, Param[Any]]] = {}  # parameters that the class itself declares
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -104,14 +107,17 @@ class Block:
             names = vars(base) | vars(base).get("_own", {})
             declared.update({n: d for n, d in names.items() if isinstance(d, Declaration) or n in declared})
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
-            setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
+            of_kind: dict[str, Any] = {n: d for n, d in declared.items() if isinstance(d, kind)}
+            setattr(cls, field, Declared(of_kind))
         check_class(cls, declared, _WORDS)
         if cls.positional is not None:
-            cls.parameters = {name: cls.parameters[name] for name in cls.positional} | cls.parameters
+            first = {name: cls.parameters[name] for name in cls.positional}
+            cls.parameters = Declared({**first, **cls.parameters})
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)
         cls._rules = rules_of(cls)
+        cls._files = tuple(name for name, param in cls.parameters.items() if param.file)
         held_bounds_of(cls, cls.held_within)
 
     def __init__(
@@ -164,7 +170,8 @@ class Block:
                 setattr(self, key, self.check_live(key, param.check(value)))
             except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {text_of(error)}", param.description)
-        self._check_options(wrong)
+        for each in self._wrong_options():
+            wrong(*each)
         if problems:
             raise DiagramError(problems)
 
@@ -189,28 +196,33 @@ class Block:
                 given[key] = value
         return given
 
-    def _check_options(self, wrong: Callable[..., None]) -> None:
-        """Pass what is wrong with `every` and `hold_exceptions` to a function, with a hint and a code."""
+    def _wrong_options(self) -> Iterator[tuple[str, str, str]]:
+        """Yield (message, hint, code) for what is wrong with `every` and `hold_exceptions`."""
         if not is_count(self.every):
-            wrong(
+            yield (
                 f"every must be a whole number of ticks, 1 or more, got {repr_of(self.every)}",
                 "every=2 runs the block in every second tick",
                 "TW014",
             )
         if not (is_count(self.hold_exceptions) or (type(self.hold_exceptions) is int and self.hold_exceptions == 0)):
-            wrong(
+            yield (
                 f"hold_exceptions must be a whole number of steps in a row, got {repr_of(self.hold_exceptions)}",
                 "0: the first exception is a fault",
+                "TW010",
             )
         elif self.hold_exceptions and not (self.is_python or self.has_python_update):
-            wrong("does not accept hold_exceptions, since it does not run in Python", "omit hold_exceptions")
+            message = "does not accept hold_exceptions, since it does not run in Python"
+            yield message, "omit hold_exceptions", "TW010"
 
     def reconfigure(self) -> None:
-        """Check the rules of the present parameters, and call `configure`. Raises DiagramError TW010."""
+        """Check the rules of the present parameters, find files, and call `configure`. Raises DiagramError TW010."""
+        if self._files:
+            self._attempt(self._find_files)
         if self._rules:
             self._attempt(self.check_rules)
         self._attempt(self.configure)
         self._configured = {name: getattr(self, name) for name in self.parameters}
+        self._ports = {name: getattr(self, name).keys() for name in ("inputs", "outputs", "parameters")}
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
             raise TypeError(
                 f"{type(self).__name__} chooses its kernel in configure: also name one of them on the class, so that "
@@ -222,6 +234,15 @@ class Block:
             elif not isinstance(getattr(self, name), Signal):
                 message, hint = hints.for_taken_output(self, name)
                 raise self._error("TW010", message, self.location, hint)
+
+    def _find_files(self) -> None:
+        """Replace the path of each file that a parameter names by its absolute path. Raises ValueError."""
+        for name in self._files:
+            if (file := getattr(self, name)) or self.parameters[name].required:
+                try:
+                    setattr(self, name, str(path_beside(self.location, file)))
+                except ValueError as error:
+                    raise ValueError(f"{name}: {error}") from None
 
     # What a block's author may define
 
@@ -386,9 +407,17 @@ class Block:
 
         Raises DiagramError as `set` does.
         """
-        assigned = [name for name, value in self._configured.items() if getattr(self, name) is not value]
+        for wrong in wrong_attributes(vars(self)):
+            raise self._error("TW010", wrong, self.location, "remove the assignment: only parameters can be assigned")
+        for name, ports in self._ports.items():
+            if getattr(self, name).keys() != ports:
+                hint = "assign them in the method `configure` of its class"
+                raise self._error("TW010", f"its {name} were assigned", self.location, hint)
+        for message, hint, code in self._wrong_options():
+            raise self._error(code, message, self.location, hint)
+        assigned = [name for name, value in self._configured.items() if getattr(self, name, None) is not value]
         for name in assigned:
-            self._assign(name, self.parameters[name].check, getattr(self, name))
+            self._assign(name, self.parameters[name].check, getattr(self, name, None))
         if assigned:
             self.reconfigure()
 
@@ -450,9 +479,15 @@ class Block:
         except OSError as error:
             message = text_of(error) if error.strerror is None else f"cannot read {error.filename}: {error.strerror}"
             raise self._error("TW010", message, self.location, hints.for_file(error)) from None
-        except (ValueError, ArithmeticError) as error:
-            message = text_of(error)
-        raise self._error("TW010", message, self.location)
+        except (ValueError, ZeroDivisionError, FloatingPointError) as error:
+            raise self._error("TW010", text_of(error), self.location) from None
+        except (TypeError, LookupError, AttributeError, ArithmeticError) as error:
+            if type(self).__module__.partition(".")[0] not in _LIBRARY:
+                raise  # at its line in the user's class
+            given = {name: getattr(self, name) for name in self.parameters}
+            shown = [f"{n}={repr_of(v)}" for n, v in given.items() if v is not self.parameters[n].default]
+            message = f"cannot be made with {', '.join(shown)}"
+            raise self._error("TW010", f"{message}: {name_and_text(error)}", self.location) from error
 
     def _error(self, code: str, message: str, where: Any, hint: str = "") -> DiagramError:
         """Return the error of this block. where : Location, or None"""
@@ -490,10 +525,16 @@ class Sink(Block):
         return True
 
 
+def are_ranges(result: object) -> bool:
+    """Return whether a hook has returned an Interval, a dict of them, or None."""
+    found = result.values() if is_table(result) else [EVERYTHING if result is None else result]
+    return all(isinstance(interval, Interval) for interval in found)
+
+
 def range_of(block: Block, name: str, ranges: Interval | dict[str, Interval] | None) -> Interval:
     """Return the Interval of an output: the result of `output_range`, within the range that the port declares."""
     port = block.outputs[name]
-    found = ranges.get(name) if isinstance(ranges, dict) else ranges
+    found = None if not are_ranges(ranges) else ranges.get(name) if isinstance(ranges, dict) else ranges
     if port.range is None:
         return EVERYTHING if found is None else found
     return port.range if found is None else found & port.range

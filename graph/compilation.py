@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from cext.user_text import text_of
+from cext.user_text import repr_of, text_of
+from graph.block import are_ranges
 from graph.device import Device
 from graph.diagnostics import Diagnostic
+from graph.narrowing import is_table, is_tuple
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -23,6 +25,16 @@ if TYPE_CHECKING:
     from graph.interval import Interval
     from graph.schedule import Proof
     from graph.upstream import Sources
+
+
+RANGES = are_ranges, "an Interval, or a dict of them by name of an output"
+RESULTS: dict[str, tuple[Callable[[Any], bool], str]] = {  # of hooks: (whether a result is valid, what is)
+    "output_range": RANGES,
+    "start_range": RANGES,
+    "output_units": (lambda result: result is None or is_table(result), "a dict of units by name of an output"),
+    "instability": (lambda result: result is None or is_tuple(result) and len(result) == 2, "(reason, remedy) or None"),
+}
+ANYTHING: tuple[Callable[[Any], bool], str] = (lambda _: True), ""
 
 
 class Compilation:
@@ -73,13 +85,27 @@ class Compilation:
     def attempt(
         self, block: Block, hook: Callable[..., Any], /, *arguments: float | dict[str, Interval], **named: Interval
     ) -> Any:
-        """Call a hook of a block. An error of a value or a file is reported once, and None returned."""
+        """Call a hook of a block, and return its result.
+
+        Returns None for an error of a value or a file, for a hook that does not take the arguments, and for a result of
+        another type. Each is reported once.
+        """
+        name = hook.__name__ if hasattr(hook, "__name__") else repr_of(hook)
         try:
-            return hook(*arguments, **named)
+            result = hook(*arguments, **named)
+            is_valid, words = RESULTS.get(name, ANYTHING)
+            if is_valid(result):
+                return result
+            problem = f"{name} returned {repr_of(result)}, and must return {words}"
         except (ValueError, ArithmeticError, OSError) as error:
-            if (block, hook.__name__) not in self.failed:
-                self.failed.add((block, hook.__name__))
-                self.report("TW010", text_of(error), block)
+            problem = text_of(error)
+        except TypeError as error:
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise  # within the hook, whose line is reported
+            problem = text_of(error)
+        if (block, name) not in self.failed:
+            self.failed.add((block, name))
+            self.report("TW010", problem, block)
         return None
 
     def wired_inputs(self) -> list[tuple[tuple[Block, str], np.ndarray | Signal]]:

@@ -21,6 +21,7 @@ from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.held_checks import check_held
 from graph.interval import Interval
+from graph.part_checks import check_parts
 from graph.ranges import find_ranges, interval_of
 from graph.reach import check_reach
 from graph.schedule import Proof, Schedule
@@ -54,11 +55,14 @@ def uncollected() -> Generator[None]:
 
 
 def examine(diagram: Diagram) -> Compilation:
-    """Check and sort a diagram. Returns the Compilation, whose `diagnostics` list the problems; raises none of them."""
+    """Check and sort a diagram. Returns the Compilation, whose `diagnostics` list the problems.
+
+    Raises DiagramError only for parameters and parts of the diagram that the checks could not read.
+    """
+    check_parts(diagram)
     compilation = Compilation(diagram)
     for check in (
         wire_checks.check_names,
-        wire_checks.check_parameters,
         device_checks.apply_caps,
         live_checks.check_live,
         wire_checks.check_wires,

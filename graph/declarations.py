@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Sequence
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeAlias, TypedDict, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, NoReturn, TypeAlias, TypedDict, TypeVar, overload
 
 import numpy as np
 
@@ -48,6 +48,44 @@ class Declaration:
         """Set the name and return the declaration, for ports that `configure` creates."""
         self.name = name
         return self
+
+    if not TYPE_CHECKING:  # a type checker would take every attribute to be declared
+
+        def __setattr__(self, name, value):
+            """Set an attribute once: a declaration holds for every block of its class. Only the name may change."""
+            if name in vars(self) and name != "name":
+                raise AttributeError(
+                    f"{name} of {self!r} cannot be assigned: all blocks of a class share its declarations. Declare it "
+                    "again in a subclass"
+                )
+            super().__setattr__(name, value)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r})"
+
+
+class Declared(dict[str, D]):
+    """Declarations of a block class by name. Only a new dict, as `configure` may assign to a block, replaces them."""
+
+    def _refuse(self, *names: object, **_: object) -> NoReturn:  # pyright: ignore[reportUnusedFunction]
+        name = str(names[0]) if names else "NAME"
+        raise DiagramError(
+            Diagnostic(
+                "TW010",
+                f"{repr_of(names[0]) if names else 'they'} cannot be assigned: all blocks of a class share its "
+                "declarations",
+                where=caller(),
+                hint=f"connect an input by calling its block, as in block({name}=...); set a parameter as in "
+                f"block.{name} = ...",
+            )
+        )
+
+    if not TYPE_CHECKING:
+        __setitem__ = __delitem__ = pop = popitem = clear = update = setdefault = _refuse
+        __ior__ = dict.__or__
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Declared, (dict(self),)
 
 
 def unit_of(unit: str, description: str, kind: str) -> str:
@@ -112,6 +150,10 @@ class Input(Port):
         super().__init__(unit, description, shape=shape, dtype=dtype)
         if broadcast and shape is not ...:
             raise TypeError(f"broadcast requires shape=..., got {shape!r}")
+        try:
+            np.asarray(0.0 if default is None else default, dtype=float)
+        except (ValueError, TypeError, OverflowError):
+            raise TypeError(f"default must be a number or an array of numbers, got {repr_of(default)}") from None
         self.default, self.broadcast = default, broadcast
 
     def __set__(self, block: Any, value: Any) -> None:
@@ -157,7 +199,10 @@ class Output(Port):
         if circle and not (len(circle) == 2 and -math.inf < circle[0] < circle[1] < math.inf and self.dtype == "float"):
             raise TypeError(f"circle must be (low, high) of a float output, as in (-math.pi, math.pi), got {circle!r}")
         self.kernel, self.circle = kernel, tuple(circle)
-        self.range = Interval(*range) if range is not None else None
+        try:
+            self.range = None if range is None else Interval(*map(float, range))
+        except (ValueError, TypeError, OverflowError):
+            raise TypeError(f"range must be (low, high), as in (0.0, 1.0), got {repr_of(range)}") from None
 
     @overload
     def __get__(self, block: None, owner: type | None = None) -> Output: ...
@@ -345,6 +390,10 @@ class Param(Declaration, Generic[T]):
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
         value = self.in_unit(value)
+        if self.numeric and isinstance(value, int) and abs(value) > sys.float_info.max:
+            raise ValueError("expected a number of at most 1.8e308")
+        if self.numeric and is_row(value):
+            raise ValueError(f"expected one number, got {repr_of(value)}")
         if self.numeric and (isinstance(value, (str, bytes)) or np.iscomplexobj(value)):
             quoted = isinstance(value, str) and value.strip("+- ").replace(".", "", 1).isdigit()
             raise ValueError(f"expected a number, got {repr_of(value)}" + ": omit the quotes" * quoted)
@@ -410,7 +459,10 @@ class Param(Declaration, Generic[T]):
 
 def is_whole(value: Any) -> bool:
     """Return whether a number is finite and whole; False for a bool."""
-    return not isinstance(value, bool) and math.isfinite(value) and value == int(value)
+    try:
+        return not isinstance(value, bool) and math.isfinite(value) and value == int(value)
+    except TypeError:
+        return False
 
 
 class LiveBounds(NamedTuple):

@@ -70,6 +70,11 @@ class Device(Block):
         unknown = next((name for name in cls.hardware if name not in cls.parameters), None)
         if unknown is not None:
             raise TypeError(f"{cls.__name__}.hardware contains {unknown!r}, which is not a parameter of the class")
+        if cls.step is not Block.step:
+            raise TypeError(
+                f"{cls.__name__} is a device, whose kernels `decode` and `encode` compute: move its step to a block "
+                "that is connected to it"
+            )
 
     def addresses(self) -> Sequence[tuple[Any, bool]]:
         """Return the addresses of this device, as (arbitration id, is extended) pairs, unique on its bus."""

@@ -106,35 +106,76 @@ class Diagram:
     """
 
     def __init__(self, name: str, rate: float, solver: str = DEFAULT, rtol: float = RTOL, atol: float = ATOL) -> None:
-        check_name(name, caller())
-        if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
-            digits = repr_of(rate)
-            digits = digits if len(digits) <= 40 else f"{digits[:20]}..."
-            raise DiagramError(
-                Diagnostic(
-                    "TW010",
-                    f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {digits}",
-                    path=name,
-                    where=caller(),
-                )
-            )
-        if solver not in SOLVERS:
-            message = f"the solver must be one of {', '.join(SOLVERS)}, got {repr_of(solver)}"
-            raise DiagramError(Diagnostic("TW010", message, path=name, where=caller()))
-        if not (1e-14 <= rtol < 1.0 and 0.0 < atol < math.inf):
-            message = f"rtol must be in [1e-14, 1) and atol above 0, got {repr_of(rtol)} and {repr_of(atol)}"
-            raise DiagramError(Diagnostic("TW010", message, path=name, where=caller()))
-        self.name: str = name
-        self.rate: float = rate
+        self.name = name
+        self.rate = rate
         self.solver = solver
-        self.tolerances = float(rtol), float(atol)
-        self.blocks: dict[str, Any] = {}  # by path
+        self.tolerances = rtol, atol
+        self._blocks: dict[str, Any] = {}
         self.wires: list[Wire] = []
         self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them
         self._numbers: dict[str, int] = {}  # {path: number appended to the newest block of that name}
         self._tokens: list[Any] = []
         self.not_entered: list[subsystem] = []  # subsystems that no `with` has opened
         self.caps: dict[str, Any] = {}  # Caps by path of an actuator, above every limit of the diagram
+
+    # A run and the compiler read these: what they cannot be is refused where it is assigned
+
+    @property
+    def name(self) -> str:
+        """Name of the diagram, and of the files of its recordings."""
+        return self._name
+
+    @name.setter
+    def name(self, name: str) -> None:
+        check_name(name, caller())
+        self._name = name
+
+    @property
+    def rate(self) -> float:
+        """Rate in Hz."""
+        return self._rate
+
+    @rate.setter
+    def rate(self, rate: Any) -> None:
+        if rate is True or not is_real(rate) or not 0 < rate <= MAXIMUM_RATE:
+            got = repr_of(rate, 40)
+            message = f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {got}"
+            raise DiagramError(Diagnostic("TW010", message, path=self.name, where=caller()))
+        self._rate: Any = rate
+
+    @property
+    def blocks(self) -> dict[str, Any]:
+        """The blocks by their paths."""
+        return self._blocks
+
+    @property
+    def solver(self) -> str:
+        """Method that integrates continuous states."""
+        return self._solver
+
+    @solver.setter
+    def solver(self, solver: Any) -> None:
+        if not (isinstance(solver, str) and solver in SOLVERS):
+            message = f"the solver must be one of {', '.join(SOLVERS)}, got {repr_of(solver)}"
+            raise DiagramError(Diagnostic("TW010", message, path=self.name, where=caller()))
+        self._solver = solver
+
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """Relative and absolute tolerance of "rk45"."""
+        return self._tolerances
+
+    @tolerances.setter
+    def tolerances(self, tolerances: Any) -> None:
+        try:
+            rtol, atol = map(float, tolerances)
+        except (ValueError, TypeError, OverflowError):
+            rtol = atol = math.nan
+        if not (1e-14 <= rtol < 1.0 and 0.0 < atol < math.inf):
+            got = " and ".join(map(repr_of, tolerances)) if is_tuple(tolerances) else repr_of(tolerances)
+            message = f"rtol must be in [1e-14, 1) and atol above 0, got {got}"
+            raise DiagramError(Diagnostic("TW010", message, path=self.name, where=caller()))
+        self._tolerances = rtol, atol
 
     def __enter__(self) -> Diagram:
         self._tokens.append(scope_in_context.set(Scope(self)))
@@ -275,6 +316,11 @@ class subsystem:
 
     def __exit__(self, *exception: object) -> None:
         scope_in_context.reset(self.token)
+
+
+def is_real(value: Any) -> bool:
+    """Return whether a value is a real number."""
+    return isinstance(value, numbers.Real)
 
 
 def is_count(every: object) -> bool:

@@ -113,7 +113,7 @@ def infer_units(
             if unit is not None:
                 shared[block] = unit
         own: dict[str, str] = (
-            attempt(block, lambda: stated_units(block, of_inputs)) or {}
+            attempt(block, canonical_units, attempt(block, block.output_units, **of_inputs) or {}) or {}
             if type(block).output_units is not Block.output_units
             else {}
         )
@@ -131,6 +131,6 @@ def infer_units(
     return known, shared
 
 
-def stated_units(block: Block, of_inputs: dict[str, str]) -> dict[str, str]:
+def canonical_units(stated: dict[str, str]) -> dict[str, str]:
     """Return the `output_units` of a block in canonical spelling. Raises ValueError for an invalid unit."""
-    return {name: units.canonical(unit) for name, unit in (block.output_units(**of_inputs) or {}).items()}
+    return {name: units.canonical(unit) for name, unit in stated.items()}

@@ -26,13 +26,10 @@ def check_name(name: object, where: Location | None) -> None:
         and len(name) <= NAME_LENGTH_LIMIT
     ):
         return
-    shown = repr_of(name)
-    if len(shown) > NAME_LENGTH_LIMIT + 2:
-        shown = f"{shown[:NAME_LENGTH_LIMIT]}... ({len(shown)} characters)"
     raise DiagramError(
         Diagnostic(
             "TW010",
-            f"{shown} cannot be a name",
+            f"{repr_of(name, NAME_LENGTH_LIMIT)} cannot be a name",
             where=where,
             hint=f"a name is printable text of at most {NAME_LENGTH_LIMIT} characters without '/', '.' and '='; "
             'subsystems make paths, as in `with subsystem("left")`',

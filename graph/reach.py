@@ -435,7 +435,7 @@ def promised(block: Block, **inputs: Interval) -> dict[str, Interval] | Interval
     """Return the output range of a block, {} if it states none or rejects the inputs."""
     try:
         stated = block.output_range(**inputs)
-    except ValueError:  # a combination that does not occur in the diagram: find_ranges checks those that do
+    except (ValueError, TypeError):  # a combination that does not occur: find_ranges checks those that do
         return {}
     return {} if stated is None else stated
 

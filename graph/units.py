@@ -66,6 +66,32 @@ _SPELLINGS = {
     "ohm": "Ω",
     "Nm": "N·m",
 }
+_NAMES = {  # of units, for suggestions
+    "ampere": "A",
+    "amp": "A",
+    "celsius": "°C",
+    "gauss": "G",
+    "gram": "g",
+    "hertz": "Hz",
+    "hour": "h",
+    "joule": "J",
+    "kelvin": "K",
+    "kilogram": "kg",
+    "meter": "m",
+    "metre": "m",
+    "minute": "min",
+    "newton": "N",
+    "pascal": "Pa",
+    "percent": "%",
+    "radian": "rad",
+    "revolution": "rev",
+    "sec": "s",
+    "second": "s",
+    "tesla": "T",
+    "turn": "rev",
+    "volt": "V",
+    "watt": "W",
+}
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _TO_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _FACTOR = re.compile(r"^(1|[^\d\s^⁰¹²³⁴⁵⁶⁷⁸⁹⁻-]+)(?:\^?\(?(-?\d+)\)?)?$")
@@ -74,6 +100,18 @@ _FACTOR = re.compile(r"^(1|[^\d\s^⁰¹²³⁴⁵⁶⁷⁸⁹⁻-]+)(?:\^?\(?(-?
 def _symbol(text: str) -> str:
     text = text.replace("μ", "µ")  # Greek mu to the micro sign
     return _SPELLINGS.get(text, text)
+
+
+def _hint(symbol: str) -> str:
+    """Return what to write instead of a symbol that is none."""
+    known = {each.lower(): each for each in reversed(_BASE)}
+    known |= {each.lower(): symbol for each, symbol in _SPELLINGS.items()} | _NAMES
+    word = symbol.lower()
+    found = known.get(word) or known.get(word.removesuffix("s"))
+    close = [found] if found else difflib.get_close_matches(symbol, _BASE, n=1)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return "write symbols, as in N·m, rad/s or m/s²; '1' is a number without a unit"
 
 
 @cache
@@ -88,14 +126,14 @@ def parse(unit: object) -> tuple[tuple[str, int], ...]:
         part = part.strip()
         if part in "*·⋅.":
             if not part:
-                raise ValueError(f"{unit!r} is not a unit")
+                raise ValueError(f"{unit!r} is not a unit; {_hint('')}")
             continue
         if part == "/":
             sign = -1
             continue
         match = _FACTOR.match(part.translate(_SUPERSCRIPTS))
         if not match:
-            raise ValueError(f"{unit!r} is not a unit")
+            raise ValueError(f"{unit!r} is not a unit; {_hint('')}")
         symbol, exponent = _symbol(match[1]), int(match[2] or 1)
         if exponent == 0:  # such as g0, which would be a number without a unit
             raise ValueError(f"{unit!r} is not a unit: its {symbol} has the exponent 0")
@@ -106,9 +144,8 @@ def parse(unit: object) -> tuple[tuple[str, int], ...]:
         if symbol == ONE:
             continue
         if symbol not in _BASE:
-            close = difflib.get_close_matches(symbol, _BASE, n=1)
             named = repr(unit) if part == text else f"{symbol!r} in {unit!r}"
-            raise ValueError(f"{named} is not a unit" + (f"; did you mean {close[0]!r}?" if close else ""))
+            raise ValueError(f"{named} is not a unit; {_hint(symbol)}")
         exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
     return tuple(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 

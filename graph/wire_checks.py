@@ -1,4 +1,4 @@
-"""Checks of a compile: names, parameters, wires, and what computes a block."""
+"""Checks of a compile: names, wires, and what computes a block."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from graph.block import Block, Sink
 from graph.compilation import Compilation
 from graph.device import Device
 from graph.diagnostics import DiagramError
-from graph.names import check_name, suggestion
+from graph.names import check_name
 from graph.signal import Signal
 from graph.upstream import computes
 
@@ -40,18 +40,6 @@ def check_names(compilation: Compilation) -> None:
             except DiagramError as error:
                 [wrong] = error.diagnostics
                 compilation.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
-
-
-def check_parameters(compilation: Compilation) -> None:
-    """Adopt parameters that were assigned; report those that are not valid, and misspelt ones."""
-    for block in compilation.blocks:
-        try:
-            block.adopt_assigned()
-        except DiagramError as error:
-            compilation.diagnostics += error.diagnostics
-        for name in block.assigned_names():
-            if hint := suggestion(name, block.parameters):
-                compilation.report("TW010", f"has no parameter {name!r}", block, hint=hint)
 
 
 def check_wires(compilation: Compilation) -> None:

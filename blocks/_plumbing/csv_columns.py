@@ -62,6 +62,9 @@ def read_table(file: str) -> Table:
     The separator is the one between the first two columns of a recording; in another file, that of comma, semicolon and
     tab that the header has most of, else blanks. OSError or ValueError if the file cannot be read.
     """
+    with open(file, "rb") as stream:
+        if b"\0" in stream.read(1000):
+            raise ValueError(f"{file} is not a CSV file in UTF-8: it has zero bytes; export the table as CSV in UTF-8")
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:

@@ -35,7 +35,7 @@ def finite_numbers(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     """Return a tuple of at least one finite float. ValueError for other values."""
     try:
         numbers = tuple(float(value) for value in values)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = ()
     if not numbers or not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} must contain at least one number, all finite, got {values!r}")

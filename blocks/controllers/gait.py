@@ -39,7 +39,7 @@ class TorqueProfile(Block):
     def configure(self) -> None:
         try:
             points: Any = np.asarray(self.points, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             points = np.empty(0)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ValueError(f"points must be at least two pairs (phase, torque), got {self.points!r}")

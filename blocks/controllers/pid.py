@@ -35,7 +35,7 @@ class _Controller(Block):
 def in_unit(port: Any, unit: str) -> Any:
     """Return a copy of a port that has another unit."""
     port = copy.copy(port)
-    port.unit = unit
+    vars(port)["unit"] = unit
     return port
 
 

@@ -28,6 +28,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+from cext.user_files import read_small
 from graph.narrowing import is_row, is_table
 
 Vector: TypeAlias = tuple[float, ...]
@@ -56,14 +57,14 @@ class Calibration:
     @classmethod
     def read(cls, path: str | Path) -> Calibration:
         """Return the Calibration of a file. Raises ValueError with the cause, OSError if it cannot be read."""
-        return cls.of(Path(path).read_text(encoding="utf-8-sig"), path)
+        return cls.of(read_small(path).decode("utf-8-sig"), path)
 
     @classmethod
     def of(cls, text: str, path: str | Path = "calibration") -> Calibration:
         """Return the Calibration in the text of a calibration file. Raises ValueError. path : file named in messages"""
         try:
             content = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise ValueError(f"{path}: invalid TOML: {error}") from None
         stranger = next((name for name in content if name not in (*PARTS, ABOUT)), None)
         if stranger is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -26,6 +25,7 @@ from blocks.wearer.stride import (
     sines,
     values,
 )
+from cext.user_files import read_small
 
 # Shares of the variance between adults: constant over the stride, and harmonics 1 to 3. As the mean of the curves of
 # four adults about the average, see docs/explanation/wearer.md.
@@ -62,10 +62,10 @@ def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any
 def read(file: str) -> list[Real]:
     """Return how the angles of a fitted adult differ from the average, as series in rad. ValueError or OSError"""
     try:
-        deviations = [np.array(json.loads(Path(file).read_bytes())["angles"][joint], float) for joint in JOINTS]
+        deviations = [np.array(json.loads(read_small(file))["angles"][joint], float) for joint in JOINTS]
         if any(each.shape != (1 + 2 * HARMONICS,) or not np.all(np.isfinite(each)) for each in deviations):
             raise ValueError
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(
             f"{file} is not a fitted adult: make one with python -m blocks.wearer.fit WALK.csv {file}"
         ) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from blocks.wearer.recording import samples
 from blocks.wearer.tables import over_speed, schedule
 from cext.kernels.wearer import walker as kernels
 from graph import Block, Input, Memory, Output, Param
+from graph.files import path_beside
 
 SIDES = ("left", "right")
 JOINTS = {"hip": "hip flexion", "knee": "knee flexion", "ankle": "ankle dorsiflexion"}
@@ -169,7 +171,10 @@ class Walker(Block):
     feedthrough = ()
 
     def configure(self) -> None:
-        speeds, cubics = over_speed(self.motion, self.height, self.person)
+        person: Any = self.person
+        if isinstance(person, str) and person.endswith(".json"):
+            person = str(path_beside(self.location, person))
+        speeds, cubics = over_speed(self.motion, self.height, person)
         if self.recording:
             self.samples = samples(self.recording, self.mass, self.height)
         self.pieces = schedule(self.speed, speeds[-1]).ravel()

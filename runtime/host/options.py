@@ -167,8 +167,10 @@ def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, st
         if not word.startswith("@"):
             pairs.append(_setting(word, f"{option}{word}", option))
             continue
+        from cext.user_files import read_small  # compiled, which a recording is read without
+
         try:
-            lines = Path(word[1:]).expanduser().read_text(encoding="utf-8-sig").splitlines()
+            lines = read_small(Path(word[1:]).expanduser()).decode("utf-8-sig").splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise BadInput(
                 f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}"

@@ -203,7 +203,9 @@ def test_a_library_that_does_not_fit_is_refused(tmp_path, words):
 
 def test_a_file_that_is_no_library_and_other_ports_are_refused(tmp_path):
     (tmp_path / "text.so").write_text("no library")
-    assert "text.so: file too short" in str(refusal(Compiled, str(tmp_path / "text.so"), **PORTS))
+    assert "text.so: it is not a shared library: compile one with `gcc -shared -fPIC`" in str(
+        refusal(Compiled, str(tmp_path / "text.so"), **PORTS)
+    )
     whole = Path(library(tmp_path, SPRING, "cut")).read_bytes()
     for length in (100, len(whole) // 3):  # of a copy or a compilation that has not ended: dlopen raises SIGBUS
         (tmp_path / "cut.so").write_bytes(whole[:length])

@@ -171,7 +171,7 @@ def test_a_file_that_cannot_be_played_is_refused_with_its_line(tmp_path, text, s
 
 
 def test_a_file_that_does_not_exist_is_refused():
-    with pytest.raises(DiagramError, match="cannot read nowhere.csv: No such file or directory"):
+    with pytest.raises(DiagramError, match="file: there is no nowhere.csv in .* or in the working folder"):
         Playback("nowhere.csv", "u")
 
 

@@ -13,6 +13,7 @@ from blocks.limiters import Saturation
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
+from cext.user_text import repr_of
 from graph import Diagram, DiagramError, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here, refusal
 
@@ -28,7 +29,8 @@ def test_a_rate_is_a_number_above_zero(rate):
 
 def test_an_overflowing_rate_is_rejected_in_one_short_line():
     message = refusal(Diagram, "d", 10**400).message
-    assert message == "the rate must be a number above 0 Hz and at most 1e+09 Hz, got 10000000000000000000..."
+    assert message.startswith("the rate must be a number above 0 Hz and at most 1e+09 Hz, got 10000000000000000000")
+    assert message.endswith("... (401 characters)") and len(message) < 130
 
 
 @pytest.mark.parametrize("rate", [1, 0.5, np.float32(200), np.int64(200), Fraction(400, 3)])
@@ -178,7 +180,7 @@ def test_a_value_other_than_a_signal_or_number_is_rejected(source):
         gain = Gain(name="g")
         found = refusal(gain, source)
     assert (found.code, found.path, found.port) == ("TW012", "g", "u")
-    assert found.message == f"{source!r} is neither a signal nor a number"
+    assert found.message == f"{repr_of(source)} is neither a signal nor a number"
 
 
 def test_a_block_used_in_place_of_its_output_is_reported():

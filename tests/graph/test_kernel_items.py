@@ -16,7 +16,7 @@ from blocks.mathematics import Max, Round
 from blocks.states import StateMachine
 from cext.kernels import limiters as kernels
 from cext.kernels import mathematics
-from graph import Block, Diagram, Input, Interval, Kernel, Memory, Output, Param, compile
+from graph import Block, Diagram, DiagramError, Input, Interval, Kernel, Memory, Output, Param, compile
 from graph.conformance import check_block
 from tests.blocks.actuators.wire import Wired
 from tests.blocks.running import player, run
@@ -236,7 +236,7 @@ def test_a_kernel_of_an_instance_is_checked_when_the_diagram_is_compiled():
 
     with Diagram("d", rate=200) as diagram:
         Chooser()(player([1.0], "1"))
-    with pytest.raises(TypeError, match="Chooser.kernel needs 'gain', and Chooser does not declare 'gain'"):
+    with pytest.raises(DiagramError, match="Chooser.kernel needs 'gain', and Chooser does not declare 'gain'"):
         compile(diagram)
 
 

@@ -1,6 +1,7 @@
 """Parameters that may change: live ones with their bounds, and those that the command line sets before the compile."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -131,7 +132,12 @@ def test_the_command_line_sets_parameters_by_text():
         ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
         ("limit", "seven", "limit: 'seven' is not a number", "largest magnitude of the torque"),
         ("limit", "7 rad", "limit: rad does not convert to N·m", "largest magnitude of the torque"),
-        ("limit", "7 furlongs", "limit: 'furlongs' is not a unit", "largest magnitude of the torque"),
+        (
+            "limit",
+            "7 furlongs",
+            "limit: 'furlongs' is not a unit; write symbols, as in N·m, rad/s or m/s²; '1' is a number without a unit",
+            "largest magnitude of the torque",
+        ),
         ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest magnitude of the torque"),
         ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest magnitude of the torque"),
     ],
@@ -218,7 +224,8 @@ def test_a_file_that_does_not_exist_is_reported_at_the_blocks_line():
         Playback("no_such_file.csv", "knee")
     (found,) = caught.value.diagnostics
     assert (found.code, found.where) == ("TW010", at) and found.message == (
-        "cannot read no_such_file.csv: No such file or directory"
+        f"file: there is no no_such_file.csv in {Path(__file__).parent} or in the working folder: copy it there, or "
+        "write its absolute path"
     )
 
 

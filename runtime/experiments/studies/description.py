@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cext.user_files import read_small
 from graph.sha256 import sha256
 from runtime.experiments.studies import modules, objectives
 from runtime.host.errors import BadInput
@@ -180,10 +181,10 @@ def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Describ
     if path.suffix != ".toml":
         raise BadInput(f"{path}: expected the TOML file of a study, such as study.toml")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(read_small(path).decode("utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: {error}") from None
     try:
         return describe(content)

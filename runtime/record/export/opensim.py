@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cext.user_files import read_small
 from runtime.host.console.styles import count
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
@@ -41,15 +42,13 @@ def read_names(path: Path) -> dict[str, str]:
     Raises BadInput.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(read_small(path).decode("utf-8-sig"))
     except OSError as error:
         raise BadInput(f"--names {path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise BadInput(f"--names {path}: not UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"--names {path}: invalid TOML: {error}; write {EXAMPLE}") from None
-    except RecursionError:
-        raise BadInput(f"--names {path}: invalid TOML: too many nested brackets; write {EXAMPLE}") from None
     if not content:
         raise BadInput(f"--names {path}: no signals; write {EXAMPLE}")
     taken = {"time": "the time"}

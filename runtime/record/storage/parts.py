@@ -46,7 +46,8 @@ def heads(paths: Iterable[str | Path]) -> list[Path]:
 
 def newest(path: str | Path) -> Path:
     """Return the newest recording of a folder. A path that is not a folder with recordings is returned unchanged."""
-    return max(heads(Path(path).glob("*.mcap")), key=lambda file: file.stat().st_mtime_ns, default=Path(path))
+    there = (file for file in Path(path).glob("*.mcap") if file.exists())  # no link to a recording that was moved
+    return max(heads(there), key=lambda file: file.stat().st_mtime_ns, default=Path(path))
 
 
 def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader], dict[str, Any]]:

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import CodeType, ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from cext.user_files import read_small
 from cext.user_text import TEXT_LIMIT, bound_text, repr_of
 from graph import Diagram, DiagramError, compile
 from graph.diagram import no_block_outside
@@ -206,7 +207,7 @@ class Source(SourceFileLoader):
 
     def get_code(self, name: str) -> CodeType:
         """Read and compile the source. Raises BadInput if it has changed or is not text."""
-        source = self.get_data(self.path)
+        source = read_small(self.path)
         digest = sha256(source).hexdigest()
         if self.sha256 not in (None, digest):
             raise BadInput(f"{os.path.relpath(self.path)} has changed while it was read: run the command again")
@@ -286,7 +287,7 @@ def call_user_code(path: str | os.PathLike[str], function: Callable[..., T], /, 
         raise refused from None
     except SyntaxError as error:
         raise BadInput(syntax_error(error)) from None
-    except PermissionError as error:
+    except OSError as error:
         if error.filename == os.path.abspath(path):
             raise BadInput(f"cannot read {path}: {error.strerror}") from None
         raise BadInput(exception(path, error)) from error

@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import asdict
 from msgspec.structs import replace as changed
 
+from cext.user_files import read_small
 from graph import Caps, DiagramError
 from graph.declarations import LiveBounds
 from graph.device import actuators_of
@@ -268,13 +269,13 @@ def is_none(value: Any) -> bool:
 def read(path: str | Path) -> Subject:
     """Read a subject file. Raises BadInput with every error."""
     try:
-        data = Path(path).read_bytes()
+        data = read_small(path)
         content = tomllib.loads(data.decode())
     except OSError as error:
         raise BadInput(f"--subject {path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise BadInput(f"--subject {path}: it is not text: a subject file is TOML") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"--subject {path}: not TOML: {error}") from None
     return Reader(str(path)).subject(content, sha256(data).hexdigest())
 

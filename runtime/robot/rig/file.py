@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cext.user_files import read_small
 from runtime.host.suggestions import suggestion
 from runtime.robot.rig.battery import Battery, parse_battery
 from runtime.robot.rig.bus import BITRATE_MAXIMUM, DATA_BITRATE_MAXIMUM, RigBus
@@ -77,7 +78,7 @@ def parse(path: str | Path, text: str) -> RigFile:
     """Parse the text of a rig file. path : file named in messages. Raises RigError."""
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         hint = 'quote text with "", and a path in a name: [device."left/knee"]'
         if re.search("twice|overwrite", str(error)):
             hint = "write each table and each key once"
@@ -112,7 +113,7 @@ def read_text(path: Path) -> str:
     if path.is_dir():
         raise RigError(path, [RigProblem("TW101", "is a folder", "pass a rig file, such as lab.toml")])
     try:
-        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        return read_small(path).decode("utf-8-sig").replace("\r\n", "\n")
     except FileNotFoundError:
         near = suggestion(path.name, [file.name for file in path.parent.glob("*.toml")]) if path.parent.is_dir() else ""
         raise RigError(path, [RigProblem("TW101", "no such file", near)]) from None

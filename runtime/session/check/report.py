@@ -142,7 +142,10 @@ def check(
     if rate is not None:
         diagram.rate = rate
     panel = stopping_panel(diagram)
-    analysis = call_code_of_blocks(path, examine, diagram)
+    try:
+        analysis = call_code_of_blocks(path, examine, diagram)
+    except DiagramError as error:
+        return report_of_refusal(path, error.diagnostics)
     errors, plant = list(analysis.errors), None
     if any(error.code == "TW010" for error in errors):  # what a block with a wrong parameter returns is not described
         return report_of_refusal(path, errors)

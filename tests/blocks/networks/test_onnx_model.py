@@ -272,7 +272,7 @@ MEAN = models.helper.make_node("ReduceMean", ["x"], ["y"], axes=[1], keepdims=0)
 MEAN_OF_H = models.helper.make_node("ReduceMean", ["h"], ["h_next"], axes=[1], keepdims=1)
 COPY = models.helper.make_node("Identity", ["h"], ["h_next"])
 FAULTS = {
-    "missing": (lambda path: None, "there is no"),
+    "missing": (lambda path: None, "No such file or directory"),
     "damaged": (damaged, "is not an ONNX file, or is damaged"),
     "pointer": (
         pointer,

@@ -143,14 +143,15 @@ def test_the_card_of_a_block_shows_wires_values_proof_and_line():
     assert knee["runs"] == "native, on a bus" and cards["csv_recorder"]["runs"] == "in the recorder process"
 
 
-def test_a_file_is_shown_without_its_folder():
+def test_a_file_is_shown_without_its_folder(tmp_path):
     class Played(Block):
         """Play a file."""
 
         file = Param("", "1", "path of the file", file=True)
 
     with Diagram("d", rate=100) as diagram:
-        Played("recordings/walk.csv", name="played")
+        (tmp_path / "walk.csv").touch()
+        Played(str(tmp_path / "walk.csv"), name="played")
     (parameter,) = draw(diagram).cards["played"]["parameters"]
     assert parameter["value"] == "walk.csv"
 

@@ -170,8 +170,8 @@ def test_a_setting_that_breaks_the_proof_is_refused_by_the_compiler(command_line
 def test_unusable_gait_file_is_reported(command_line):
     line = line_of(KNEE_EXO, "recording=gait")
     assert command_line.refused(KNEE_EXO, "--set", "gait=nowhere.csv") == (
-        f"{KNEE_EXO}:{line}: error TW010 wrong parameter: walker: cannot read nowhere.csv: No such file or directory\n"
-        f"    write its absolute path, or one relative to the working folder, {command_line.folder}"
+        f"{KNEE_EXO}:{line}: error TW010 wrong parameter: walker: recording: there is no nowhere.csv in "
+        f"{Path(KNEE_EXO).parent} or in the working folder: copy it there, or write its absolute path"
     )
     write(
         command_line.folder,

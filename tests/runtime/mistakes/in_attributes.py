@@ -53,6 +53,28 @@ ATTRIBUTES = (
         "choose one of its outputs: position, velocity, torque",
     ),
     in_drive(
+        "input assigned among the declarations",
+        "knee.inputs['torque_command'] = 1.0  # !",
+        "",
+        "'torque_command' cannot be assigned: all blocks of a class share its declarations",
+        "connect an input by calling its block, as in block(torque_command=...)",
+    ),
+    after(
+        "rate that is text",
+        "diagram.rate = '100'",
+        "diagram.rate = 100",
+        "the rate must be a number above 0 Hz and at most 1e+09 Hz, got '100'",
+    ),
+    after(
+        "name with a slash", "diagram.name = 'left/knee'", "diagram.name = 'left knee'", "'left/knee' cannot be a name"
+    ),
+    Mistake(
+        "parameter that is text",
+        diagram(f"{DRIVE}\n{REST}") + "knee.timeout = 'long'\n",
+        diagram(f"{DRIVE}\n{REST}") + "knee.timeout = 0.5\n",
+        ("knee.py:11", "timeout: expected a number, got 'long'"),
+    ),
+    in_drive(
         "output assigned",
         "knee.torque = 2.0",
         "",
@@ -130,15 +152,14 @@ VALUES = (
         "missing file",
         'from blocks.sources import Playback; Playback("no.csv", "a")()  # !',
         "",
-        "cannot read no.csv: No such file or directory",
-        "write its absolute path, or one relative to the working folder, /",
+        "file: there is no no.csv in /",
+        "or in the working folder: copy it there, or write its absolute path",
     ),
     in_drive(
         "folder instead of a file",
         'from blocks.sources import Playback; Playback(".", "a")()  # !',
         "",
-        "cannot read .: Is a directory",
-        "name a file in this folder",
+        "file: . is a folder: name a file in it",
     ),
     in_drive(
         "missing model",
