@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from pathlib import Path
 from typing import Any
 
 from blocks._plumbing.paths import file_param
 from blocks._plumbing.ports import check_port_names, unit_and_limits
 from cext.kernels import compiled as kernels
-from cext.user_files import read_small
 from graph import Block, Input, Memory, Output, Param, units
 from graph.declarations import Port
-
-LIBRARY_LIMIT = 256 << 20  # bytes
 
 
 class Compiled(Block):
@@ -47,13 +45,13 @@ class Compiled(Block):
             name: Input(unit, "input of the controller").named(name) for name, unit in self.takes.items()
         }
         self.outputs = type(self).outputs | {name: output(name, stated) for name, stated in self.gives.items()}
-        content = read_small(self.file, LIBRARY_LIMIT)
-        if not content.startswith(b"\x7fELF"):
-            raise ValueError(
-                f"{self.file}: it is not a shared library: compile one with `gcc -shared -fPIC`, and name that file"
-            )
+        with open(self.file, "rb") as file:
+            if file.read(4) != b"\x7fELF":
+                raise ValueError(
+                    f"{self.file}: it is not a shared library: compile one with `gcc -shared -fPIC`, and name that file"
+                )
         try:
-            self.library = kernels.Library(content)
+            self.library = kernels.Library(Path(self.file).read_bytes())
         except ValueError as error:
             raise ValueError(f"{self.file}: {error}") from None
         for what, ports, count in (
