@@ -12,10 +12,9 @@ COPYING = ("replicate", "composite", "flexcomp")
 
 
 def check_size(path: Path) -> None:
-    """Raise ValueError for a file of a few lines that describes a model of any size. Included files are not read."""
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError:  # MuJoCo names the error
+    """Raise ValueError for files of a few lines that describe a model of any size."""
+    root = whole(path, path.parent, {path})
+    if root is None:
         return
     if (copies := copies_in(root)) > COPIES_LIMIT:
         raise ValueError(
@@ -28,6 +27,24 @@ def check_size(path: Path) -> None:
                 f"the hfield {field.get('name', '')!r} has {points} points, above the limit of {HEIGHTS_LIMIT}: reduce "
                 "nrow and ncol"
             )
+
+
+def whole(path: Path, folder: Path, read: set[Path]) -> ElementTree.Element | None:
+    """Return the root of an MJCF file with the elements that it includes, each file once; None if it cannot be read.
+
+    folder : from which the names of included files count; read : files that have been read
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, OSError):  # MuJoCo names the error
+        return None
+    for element in list(root.iter()):
+        for include in element.findall("include"):
+            file = folder / include.get("file", "")
+            if file not in read:
+                read.add(file)
+                element.extend(whole(file, folder, read) or ())
+    return root
 
 
 def copies_in(element: ElementTree.Element) -> int:

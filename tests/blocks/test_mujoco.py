@@ -317,6 +317,26 @@ def test_a_few_lines_that_describe_a_huge_model_are_refused(tmp_path, monkeypatc
         assert words in str(refusal(block, str(tmp_path / "large.xml")))
 
 
+@pytest.mark.parametrize("words", LARGE)
+def test_a_huge_part_of_a_model_is_refused_in_an_included_file_too(tmp_path, monkeypatch, words):
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_path", lambda path: pytest.fail("it is compiled"))
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "inner.xml").write_text(f"<mujocoinclude>{LARGE[words]}</mujocoinclude>")
+    files = '<include file="outer.xml"/><include file="no.xml"/><include file="parts/inner.xml"/>'
+    (tmp_path / "outer.xml").write_text(f"<mujoco>{files}</mujoco>")
+    assert words in str(refusal(MujocoBody, str(tmp_path / "outer.xml")))
+
+
+def test_copies_of_an_included_file_that_makes_copies_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_path", lambda path: pytest.fail("it is compiled"))
+    copies = '<replicate count="200">{}</replicate>'
+    inner = copies.format("<geom size='.1'/>")
+    (tmp_path / "inner.xml").write_text(f"<mujocoinclude>{inner}</mujocoinclude>")
+    outer = copies.format('<include file="inner.xml"/>')
+    (tmp_path / "outer.xml").write_text(f"<mujoco><worldbody>{outer}</worldbody></mujoco>")
+    assert "make 40000 copies" in str(refusal(MujocoBody, str(tmp_path / "outer.xml")))
+
+
 def test_copies_within_the_limit_are_compiled(tmp_path):
     (tmp_path / "small.xml").write_text(
         '<mujoco><worldbody><replicate count="3"><body><joint/><geom size="1"/></body></replicate></worldbody></mujoco>'
