@@ -127,6 +127,7 @@ class Diagram:
 
     @name.setter
     def name(self, name: str) -> None:
+        """Set the name. Raises DiagramError."""
         check_name(name, caller())
         self._name = name
 
@@ -137,6 +138,7 @@ class Diagram:
 
     @rate.setter
     def rate(self, rate: Any) -> None:
+        """Set the rate. Raises DiagramError."""
         if rate is True or not is_real(rate) or not 0 < rate <= MAXIMUM_RATE:
             got = repr_of(rate, 40)
             message = f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {got}"
@@ -155,6 +157,7 @@ class Diagram:
 
     @solver.setter
     def solver(self, solver: Any) -> None:
+        """Set the method. Raises DiagramError."""
         if not (isinstance(solver, str) and solver in SOLVERS):
             message = f"the solver must be one of {', '.join(SOLVERS)}, got {repr_of(solver)}"
             raise DiagramError(Diagnostic("TW010", message, path=self.name, where=caller()))
@@ -167,6 +170,7 @@ class Diagram:
 
     @tolerances.setter
     def tolerances(self, tolerances: Any) -> None:
+        """Set the tolerances. Raises DiagramError."""
         try:
             rtol, atol = map(float, tolerances)
         except (ValueError, TypeError, OverflowError):

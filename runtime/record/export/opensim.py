@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cext.user_files import read_small
 from runtime.host.console.styles import count
 from runtime.host.errors import BadInput
 from runtime.host.suggestions import suggestion
@@ -41,6 +40,8 @@ def read_names(path: Path) -> dict[str, str]:
 
     Raises BadInput.
     """
+    from cext.user_files import read_small  # compiled, which a recording is read without
+
     try:
         content = tomllib.loads(read_small(path).decode("utf-8-sig"))
     except OSError as error:
