@@ -129,3 +129,11 @@ def test_the_strides_of_a_recorded_walk_are_those_between_its_heel_strikes(tmp_p
         assert len(trial.strides(f"{side}/knee.position", events=strikes[:1])) == 0
         # the last is not whole
         assert len(trial.strides(f"{side}/knee.position", events=[*strikes[-2:], time[-1] + 1.0])) == 1
+
+
+def test_a_link_to_a_recording_that_was_moved_is_not_the_newest(tmp_path):
+    path = tmp_path / "trial.mcap"
+    path.touch()
+    (tmp_path / "moved.mcap").symlink_to(tmp_path / "nowhere.mcap")
+    (tmp_path / "loop.mcap").symlink_to(tmp_path / "loop.mcap")
+    assert newest(tmp_path) == path
