@@ -114,12 +114,14 @@ class Terminal:
         os.write(self.master, keys)
 
     def answer(self, key, then):
-        """Press a key that answers a question until it counts: one that may be from before the question does not.
+        """Press a key that answers a question until it counts: one that may be from before the question does not, nor
+        does one while a busy machine holds up the reply of a drive.
 
         then : pattern that is shown afterwards
         """
+        refused = "press it again" if "not armed again" in then else "press it again|not armed again"
         self.press(key)
-        while self.wait_for(f"press it again|{then}")[0] == "press it again":
+        while self.wait_for(f"{refused}|{then}")[0] in refused.split("|"):
             self.press(key)
 
     def words(self):
