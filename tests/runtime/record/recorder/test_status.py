@@ -410,7 +410,7 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
         assert done.stderr == b""
         return
     drawn = seen()
-    assert re.search(r"\r\x1b\[\?7l\x1b\[32mrunning\x1b\[0m [━╌]{8} 0\.\d/1 s", drawn)
+    assert re.search(r"\r\x1b\[\?7l\x1b\[32mrunning\x1b\[0m [━╌]{8} [01]\.\d/1 s", drawn)
     assert drawn.endswith("\r\x1b[J")
 
 
