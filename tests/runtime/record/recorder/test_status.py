@@ -394,7 +394,7 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
     slave, seen = screen
     script = (
         "import sys; from tests.runtime.record.recorder.running import run, counting\n"
-        "outcome, report, _ = run(counting(), sys.argv[1], 200, virtual=False, status_line=True, duration=1.0)\n"
+        "outcome, report, _ = run(counting(), sys.argv[1], 600, virtual=False, status_line=True, duration=3.0)\n"
         "assert outcome.status == 'ok', outcome\n"
     )
     done = subprocess.run(
@@ -410,7 +410,7 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
         assert done.stderr == b""
         return
     drawn = seen()
-    assert re.search(r"\r\x1b\[\?7l\x1b\[32mrunning\x1b\[0m [━╌]{8} [01]\.\d/1 s", drawn)
+    assert re.search(r"\r\x1b\[\?7l\x1b\[32mrunning\x1b\[0m [━╌]{8} [0-3]\.\d/3 s", drawn)
     assert drawn.endswith("\r\x1b[J")
 
 
