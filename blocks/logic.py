@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from blocks._plumbing.ports import several
+from blocks._plumbing.ports import count_param, several
 from blocks._plumbing.ranges import can_be_false, can_be_true, hull, truth
 from cext.kernels import logic as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
@@ -44,7 +44,7 @@ class And(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     y = Output("1", "true if all inputs are true", shape=..., dtype=bool)
 
@@ -63,7 +63,7 @@ class Or(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     y = Output("1", "true if any input is true", shape=..., dtype=bool)
 
@@ -82,7 +82,7 @@ class Xor(Block):
     Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     y = Output("1", "true if an odd number of inputs are true", shape=..., dtype=bool)
 
@@ -242,7 +242,7 @@ class Selector(Block):
     passes from the selected input and from the index only.
     """
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     index = Input("1", "number of the selected input, from 0", dtype=int)
     y = Output("any", "selected input", shape=...)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from blocks._plumbing.ports import UnitOfOutput, finite_numbers, several
+from blocks._plumbing.ports import UnitOfOutput, count_param, finite_numbers, several
 from blocks._plumbing.ranges import LIBM, falling, horner, rising
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
@@ -47,7 +47,7 @@ class Sign(Block):
 class Min(Block):
     """Minimum of several signals: y = min(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     y = Output("any", "smallest input", shape=...)
 
@@ -63,7 +63,7 @@ class Min(Block):
 class Max(Block):
     """Maximum of several signals: y = max(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
+    count = count_param()
 
     y = Output("any", "largest input", shape=...)
 

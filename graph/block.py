@@ -534,7 +534,7 @@ def are_ranges(result: object) -> bool:
 def range_of(block: Block, name: str, ranges: Interval | dict[str, Interval] | None) -> Interval:
     """Return the Interval of an output: the result of `output_range`, within the range that the port declares."""
     port = block.outputs[name]
-    found = None if not are_ranges(ranges) else ranges.get(name) if isinstance(ranges, dict) else ranges
+    found = ranges.get(name) if isinstance(ranges, dict) else ranges
     if port.range is None:
         return EVERYTHING if found is None else found
     return port.range if found is None else found & port.range

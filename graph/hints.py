@@ -128,7 +128,7 @@ def for_file(error: OSError) -> str:
     """Return the remedy for a file that cannot be read, or ""."""
     if isinstance(error, IsADirectoryError):
         return "name a file in this folder"
-    missing = isinstance(error, FileNotFoundError)
+    missing = isinstance(error, FileNotFoundError) and not os.path.isabs(str(error.filename))
     return f"write its absolute path, or one relative to the working folder, {os.getcwd()}" if missing else ""
 
 

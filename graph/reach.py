@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graph import units
-from graph.block import Sink, range_of
+from graph.block import Sink, are_ranges, range_of
 from graph.declarations import LiveBounds
 from graph.device import Actuator, Device
 from graph.hints import for_degrees
@@ -437,7 +437,7 @@ def promised(block: Block, **inputs: Interval) -> dict[str, Interval] | Interval
         stated = block.output_range(**inputs)
     except (ValueError, TypeError):  # a combination that does not occur: find_ranges checks those that do
         return {}
-    return {} if stated is None else stated
+    return {} if stated is None or not are_ranges(stated) else stated
 
 
 def inside(interval: Interval, bound: Interval) -> bool:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from graph.block import Sink, range_of
+from graph.block import Sink, are_ranges, range_of
 from graph.device import Device
 from graph.interval import EVERYTHING, Interval
 from graph.signal import Signal
@@ -119,4 +119,4 @@ def output_interval_of(block: Block, output: str, name: str, interval: Interval)
         stated = block.output_range(**inputs)
     except Exception:
         return None
-    return range_of(block, output, stated if stated is not None else {})
+    return range_of(block, output, stated) if are_ranges(stated) else None

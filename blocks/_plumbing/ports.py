@@ -10,13 +10,18 @@ from collections.abc import Container, Iterable
 from numbers import Real
 from typing import Any
 
-from graph import Input, units
+from graph import Input, Param, units
 from graph.narrowing import is_row
 
 
 def several(count: int, unit: str = "any", dtype: type = float) -> dict[str, Input]:
     """Return inputs u1, u2, ... of any shape, for `inputs` of a block during `configure`."""
     return {f"u{i}": Input(unit, f"input {i}", shape=..., dtype=dtype).named(f"u{i}") for i in range(1, count + 1)}
+
+
+def count_param() -> Param[int]:
+    """Return the declaration of the number of inputs of a block with `several`."""
+    return Param(2, "1", "number of inputs", min=2, max=1000, fixed=True)
 
 
 class UnitOfOutput:

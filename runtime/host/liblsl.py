@@ -178,10 +178,10 @@ def found(name: str, source: str = "", enough: int = 64) -> list[StreamInfo]:
     predicate = f"source_id={quoted(source)}" if source else f"name={quoted(name)}"
     count = library.lsl_resolve_bypred(handles, len(handles), predicate.encode(), enough, RESOLVE_TIME)
     infos = [
-        StreamInfo(handle, text_of(library.lsl_get_hostname(handle)), text_of(library.lsl_get_source_id(handle)))
+        StreamInfo(handle, decoded(library.lsl_get_hostname(handle)), decoded(library.lsl_get_source_id(handle)))
         for handle in handles[: max(0, count)]  # it is a negative error code
     ]
-    return [info for info in infos if not name or text_of(library.lsl_get_name(info.handle)) == name]
+    return [info for info in infos if not name or decoded(library.lsl_get_name(info.handle)) == name]
 
 
 class Inlet:
@@ -208,9 +208,9 @@ class Inlet:
         channel = library.lsl_child(library.lsl_child(library.lsl_get_desc(whole), b"channels"), b"channel")
         channels: list[list[str]] = []
         for _ in range(self.width):
-            channels.append([text_of(library.lsl_child_value_n(channel, key)) for key in (b"label", b"unit")])
+            channels.append([decoded(library.lsl_child_value_n(channel, key)) for key in (b"label", b"unit")])
             channel = library.lsl_next_sibling_n(channel, b"channel")
-        name = text_of(library.lsl_get_name(whole))
+        name = decoded(library.lsl_get_name(whole))
         self.about: dict[str, Any] = {
             "name": name, "host": info.host, "source": info.source, "rate": self.rate, "channels": channels
         }  # fmt: skip
@@ -273,6 +273,6 @@ def quoted(text: str) -> str:
     return f"concat({joined})" if len(parts) > 1 else joined
 
 
-def text_of(data: bytes) -> str:
+def decoded(data: bytes) -> str:
     """Return a text of a stream. Not every sender encodes it as UTF-8."""
     return data.decode(errors="replace")

@@ -118,3 +118,9 @@ def test_a_file_of_zeros_is_refused_before_it_is_read(tmp_path):
         CsvRecorder()
         with pytest.raises(DiagramError, match="is not a CSV file in UTF-8: it has zero bytes"):
             Playback(str(path), "angle")
+
+
+def test_an_absolute_path_without_a_file_has_no_advice_to_write_an_absolute_path(tmp_path):
+    with Diagram("d", rate=100):
+        found = refusal(Playback, str(tmp_path / "no.csv"), "angle")
+    assert "No such file or directory" in found.message and found.hint == ""

@@ -3,6 +3,7 @@
 import copy
 import pickle
 
+import numpy as np
 import pytest
 
 from blocks.filters import Butterworth
@@ -203,3 +204,8 @@ def test_a_hook_that_does_not_take_the_arguments_or_returns_something_else_is_re
 def test_a_parameter_that_a_block_of_the_library_cannot_compute_with_is_named():
     with pytest.raises(DiagramError, match="cannot be made with channels=3: TypeError"), Diagram("d", rate=100):
         ADS1115(channels=3)
+
+
+def test_names_that_are_an_array_without_a_dimension_are_refused():
+    with pytest.raises(TypeError, match="smooth must be a tuple of names of inputs"):
+        type("Law", (Block,), {"smooth": np.array(3)})
