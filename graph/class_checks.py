@@ -13,12 +13,19 @@ import numpy as np
 from cext.user_text import repr_of
 from graph import hints
 from graph.declarations import Input, LiveBounds, Memory, Output, Param
-from graph.narrowing import are_names, is_table, is_tuple
+from graph.narrowing import is_table, is_tuple
 from graph.signal import Signal
 
 CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may take, and their slots in the arena
 STEPS = ("step", "update", "settle")  # methods that take inputs
 MUTABLE = {list: "[]", dict: "{}", set: "set()", bytearray: "bytearray()", deque: "deque()", np.ndarray: "np.zeros(3)"}
+
+
+def is_names(value: Any) -> bool:
+    """Return whether a value is a collection of names."""
+    iterates = hasattr(value, "__iter__") and getattr(value, "ndim", 1) != 0  # an array without a dimension does not
+    collects = iterates and hasattr(value, "__len__") and type(value) is not str
+    return collects and all(isinstance(name, str) for name in value)
 
 
 def is_size(value: object) -> bool:
@@ -39,10 +46,10 @@ ATTRIBUTES: dict[str, tuple[Callable[[Any], bool], str]] = {  # of a block: (whe
     "parameters": declares(Param),
     "memory": declares(Memory),
     "conditions": (lambda value: is_tuple(value) and all(isinstance(each, Signal) for each in value), "Signals"),
-    "feedthrough": (lambda value: value is None or are_names(value), "a tuple of names of inputs, or None"),
-    "positional": (lambda value: value is None or are_names(value), "a tuple of names of parameters, or None"),
-    "free_units": (are_names, "a tuple of names of inputs"),
-    "smooth": (are_names, "a tuple of names of inputs"),
+    "feedthrough": (lambda value: value is None or is_names(value), "a tuple of names of inputs, or None"),
+    "positional": (lambda value: value is None or is_names(value), "a tuple of names of parameters, or None"),
+    "free_units": (is_names, "a tuple of names of inputs"),
+    "smooth": (is_names, "a tuple of names of inputs"),
     "held_within": (is_table, "a dict of pairs by name"),
     "live_bounds": declares(LiveBounds),
     "set_from": (is_table, "a dict by name of a parameter"),

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from graph.narrowing import are_names, is_iterable
 from runtime.host.errors import BadInput
 
 
@@ -38,6 +37,16 @@ def is_whole(value: Any) -> bool:
 def is_set(is_valid: Callable[[Any], bool]) -> Callable[[Any], bool]:
     """Return a test that also rejects None."""
     return lambda value: value is not None and is_valid(value)
+
+
+def is_iterable(value: Any) -> bool:
+    """Return whether a value can be iterated: no text, and no array without a dimension."""
+    return hasattr(value, "__iter__") and not isinstance(value, (str, bytes)) and getattr(value, "ndim", 1) != 0
+
+
+def are_names(value: Any) -> bool:
+    """Return whether a value is a collection of texts."""
+    return is_iterable(value) and hasattr(value, "__len__") and all(isinstance(name, str) for name in value)
 
 
 def is_table(value: Any) -> bool:
