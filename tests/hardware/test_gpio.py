@@ -30,6 +30,7 @@ from runtime.robot.rig.streams import StreamLines
 from runtime.setup.commissioning import ports_inventory
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
+from tests.forking import fork
 
 REQUIRED = "TICKWORK_REAL_GPIO"
 pytestmark = [
@@ -247,11 +248,13 @@ def test_a_charge_pump_toggles_its_line_only_while_arming_and_in_every_tick(chip
 
 def test_after_kill_9_the_line_of_a_charge_pump_is_constant(chip):
     seen, after = [], []
-    child = os.fork()
-    if child == 0:  # a run of its own; only a signal ends it
+
+    def work():  # only a signal ends it
         with Diagram("robot", rate=20) as robot:
             ChargePump(name="pump", hold=0.5, start_up=0.0, **at(chip, "SYNC"))
         RealLines(robot).run(100_000)
+
+    child = fork(work)
     try:
         deadline = time.monotonic() + 20.0
         while len(edges(seen)) < 20 and time.monotonic() < deadline:

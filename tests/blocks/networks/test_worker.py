@@ -1,7 +1,5 @@
 """OnnxModel in a worker: results after the declared latency, late results, stale outputs, faults."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -15,6 +13,7 @@ from cext.schedule.program import Program
 from graph import Diagram, compile, subsystem
 from tests.blocks.networks import models
 from tests.blocks.running import player, run
+from tests.forking import exit_code, fork
 from tests.graph.complaints import complaints, refusal
 
 REAL_TIME = 7  # slot of the clock: the kernel does not wait
@@ -165,11 +164,12 @@ def test_a_worker_serves_one_program_at_a_time(tmp_path):
 def test_a_worker_runs_in_a_forked_process(tmp_path):
     block, step = stepping(models.streaming(tmp_path / "m.onnx"), latency=DT)
     before = [step(row, False) for row in ROWS[:5]]
-    child = os.fork()
-    if child == 0:
+
+    def work():
         block.scratch.restart()
-        os._exit(0 if [step(row, False) for row in ROWS[:5]] == before else 1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        assert [step(row, False) for row in ROWS[:5]] == before
+
+    assert exit_code(fork(work)) == 0
 
 
 def test_parameters_that_cannot_hold_are_refused(tmp_path):

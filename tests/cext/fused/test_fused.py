@@ -29,8 +29,10 @@ from cext.memory.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
+from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
 from tests.cext.rigs import Rig
 from tests.cext.spinning import needs_compiler
+from tests.forking import exit_code, fork
 from tests.peers import netlists
 from tests.peers.tickwork import Tap, diagram_of, native_block
 
@@ -149,15 +151,22 @@ def block_in_c(folder, name, text):
     return InC
 
 
+def chain_of(kind):
+    """A diagram with a block `middle` of a class between others."""
+    with Diagram("chain", RATE) as diagram:
+        Tap(name="end")(Gain(2.0)(kind(name="middle")(Gain(1.5)(Sine()()))))
+    return diagram
+
+
 def crashed(diagram):
     """Return the signal that ends a process with a diagram, and the name of the step that the shared state blames."""
     rig = Rig(diagram)
-    child = os.fork()
-    if child == 0:
+
+    def work():
         faulthandler.disable()
         rig.run(1)
-        os._exit(0)
-    end = os.WTERMSIG(os.waitpid(child, 0)[1])
+
+    end = -exit_code(fork(work))
     assert rig.shared.fenced and rig.shared.crashed == end and rig.shared.hung is not None
     return end, names(rig.schedule)[rig.shared.hung]
 
@@ -165,9 +174,7 @@ def crashed(diagram):
 @pytest.mark.parametrize("end", [signal.SIGABRT, pytest.param(signal.SIGSEGV, marks=needs_compiler)])
 def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused, end, tmp_path):
     kind = Abort if end == signal.SIGABRT else block_in_c(tmp_path, "recursion", ENDLESS)
-    with Diagram("chain", RATE) as diagram:
-        Tap(name="end")(Gain(2.0)(kind(name="middle")(Gain(1.5)(Sine()()))))
-    assert crashed(diagram) == (end, "middle")
+    assert crashed(chain_of(kind)) == (end, "middle")
 
 
 ROOMY = """
@@ -192,37 +199,57 @@ def test_a_crash_names_the_called_kernel_over_old_addresses_in_its_stack(fused, 
     assert crashed(diagram) == (signal.SIGSEGV, "middle")
 
 
-@pytest.mark.timing
-@pytest.mark.parametrize("answers", [True, False])
-def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monkeypatch, answers):
-    """answers : whether the thread of the loop can be asked for its step"""
+HANG = f"""
+import signal, sys
+from {__name__} import endless_chain
+from cext.memory.shared_state import SharedState
+from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
+from tests.cext.rigs import Rig
+
+if sys.argv[2:]:
+    signal.pthread_sigmask(signal.SIG_BLOCK, {{signal.SIGRTMIN}})
+diagram = endless_chain()
+Rig(diagram, shared=SharedState(fd=int(sys.argv[1])), virtual=False, guard=60.0).run(10_000)  # the first may be missed
+"""
+
+
+def endless_chain():
+    """A diagram whose step `middle` jumps to itself in machine code, in every Program of this process."""
     real = library.stencil_of
-    endless = {"x86_64": b"\xeb\xfe", "aarch64": b"\x00\x00\x00\x14"}[fused.target]  # a jump to itself
+    endless = {"x86_64": b"\xeb\xfe", "aarch64": b"\x00\x00\x00\x14"}[library.TARGET]
 
     def stencil_of(kernel, sizes):
         stencil = real(kernel, sizes)
         return msgspec.structs.replace(stencil, code=endless, holes=b"") if kernel is Cos.kernel else stencil
 
-    monkeypatch.setattr(library, "stencil_of", stencil_of)
-    with Diagram("chain", RATE) as diagram:
-        Tap(name="end")(Gain(2.0)(Cos(name="middle")(Gain(1.5)(Sine()()))))
+    library.stencil_of = stencil_of
+    return chain_of(Cos)
+
+
+@pytest.mark.timing
+@pytest.mark.parametrize("options", [[], ["blocked"]], ids=["answers", "does-not-answer"])
+def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, options):
+    """options : whether the thread of the loop can be asked for its step"""
     shared = SharedState(1 << 20)
     shared.look_after(time.monotonic_ns())
-    rig = Rig(diagram, shared=shared, virtual=False, guard=60.0)
-    child = os.fork()
-    if child == 0:
-        if not answers:
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGRTMIN})
-        rig.run(1)
-        os._exit(0)
+    process = subprocess.Popen(
+        [sys.executable, "-X", "faulthandler", "-c", HANG, str(shared.fd), *options],
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        pass_fds=[shared.fd],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
-        end = time.monotonic() + 10.0
-        while (not shared.fenced or shared.hung in (None, *[-1] * answers)) and time.monotonic() < end:
+        found, end = None, time.monotonic() + 30.0
+        while found in (None, *[-1] * (not options)) and process.poll() is None and time.monotonic() < end:
+            found = shared.hung
             time.sleep(0.001)
     finally:
-        os.kill(child, signal.SIGKILL if shared.fenced else signal.SIGABRT)  # pytest shows where it was
-        os.waitpid(child, 0)
-    assert shared.fenced and (names(rig.schedule)[shared.hung] == "middle" if answers else shared.hung == -1)
+        process.send_signal(signal.SIGABRT)  # which writes its stack
+        error = process.communicate()[1]
+    assert found is not None, error
+    assert found == -1 if options else names(Rig(chain_of(Cos)).schedule)[found] == "middle"
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):

@@ -13,6 +13,7 @@ from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig
+from tests.forking import exit_code, fork
 
 pytestmark = pytest.mark.timing
 
@@ -24,23 +25,6 @@ def springs(count, **options):
         for number in range(count):
             Impedance(name=f"spring_{number}")(position=1.0, velocity=0.0)
     return Rig(diagram, **options)
-
-
-def in_a_process(work):
-    """Returns its number. Its exit code is 0, or 1 where `work` has failed."""
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    return child
-
-
-def ended_well(child):
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def patient(look):
@@ -66,14 +50,14 @@ def test_concurrent_writers_receive_the_recorded_ticks():
     pipes = {index: os.pipe() for index in parameters}
 
     def keeper():
-        children = [in_a_process(lambda: write_and_wait(rig.shared, index, pipes[index][1])) for index in parameters]
-        ends = [ended_well(child) for child in children]
+        children = [fork(lambda: write_and_wait(rig.shared, index, pipes[index][1])) for index in parameters]
+        ends = [exit_code(child) == 0 for child in children]
         Writer(rig.shared).stop()
         assert all(ends)
 
-    child = in_a_process(keeper)
+    child = fork(keeper)
     outcome = rig.run(20_000)
-    assert ended_well(child) and outcome.stopped
+    assert exit_code(child) == 0 and outcome.stopped
     recorded = defaultdict(list)
     for change in rig.changes[:-1]:
         recorded[change.index].append((change.value, change.tick))
@@ -136,7 +120,7 @@ def test_requests_of_dead_processes_are_reclaimed():
         for number in range(ROOM):
             writer.set([(0, float(number))])
 
-    assert ended_well(in_a_process(post_and_die))
+    assert exit_code(fork(post_and_die)) == 0
     writer = Writer(rig.shared)
     assert writer.set([(0, 1.0)]) is None, "they are complete, and wait for the loop"
     rig.run(2)
@@ -146,8 +130,8 @@ def test_requests_of_dead_processes_are_reclaimed():
 
 def test_request_left_incomplete_by_dead_process_blocks_no_other():
     rig = springs(1)
-    dead = in_a_process(lambda: None)
-    assert ended_well(dead)
+    dead = fork(lambda: None)
+    assert exit_code(dead) == 0
     writer = Writer(rig.shared)
     for _number in range(ROOM):
         writer.set([(0, 64.0078125)])

@@ -10,7 +10,6 @@ import random
 import signal
 import struct
 import time
-import traceback
 
 import pytest
 
@@ -19,6 +18,7 @@ from cext.memory.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Diagram, Live
 from tests.cext.rigs import Rig, one_drive
+from tests.forking import exit_code, fork
 
 pytestmark = pytest.mark.paced
 
@@ -43,14 +43,12 @@ class Attack:
     """A process that calls act(writer, memory, offset of a letter, random) for letters at random until it is killed."""
 
     def __init__(self, shared, memory, first, act):
-        self.pid = os.fork()
-        if self.pid == 0:
-            try:
-                chance, writer = random.Random(os.getpid()), Writer(shared)
-                while True:
-                    act(writer, memory, first + LETTER_BYTES * chance.randrange(LETTERS), chance)
-            finally:
-                os._exit(1)
+        def work():
+            chance, writer = random.Random(os.getpid()), Writer(shared)
+            while True:
+                act(writer, memory, first + LETTER_BYTES * chance.randrange(LETTERS), chance)
+
+        self.pid = fork(work)
 
     def end(self):
         os.kill(self.pid, signal.SIGKILL)
@@ -80,21 +78,6 @@ def damage_content(writer, memory, letter, chance):
         )
     )
     memory[letter + offset : letter + offset + len(content)] = content
-
-
-def in_a_process(work):
-    """Carry out `work` in a process. Returns how it ended: 0 if without an exception."""
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def stop_after(shared, seconds):
@@ -134,7 +117,7 @@ def test_another_process_that_posts_changes_never_arms_a_robot_that_waits(second
         # on a machine that is too busy for 1000 Hz the run may end early instead
         assert outcome.stopped or outcome.status in ("silent", "no answer"), outcome
 
-    assert in_a_process(work) == 0
+    assert exit_code(fork(work)) == 0
 
 
 @pytest.mark.parametrize("seconds", [SECONDS, LONG])
@@ -158,4 +141,4 @@ def test_no_damage_to_a_letter_moves_a_value_out_of_bounds(seconds):
         assert rig["spring.torque"].min() >= -20.0 and rig["spring.torque"].max() <= 0.0
         assert all(0.0 <= change.value <= 10.0 for change in rig.changes if change.kind == 0)
 
-    assert in_a_process(work) == 0
+    assert exit_code(fork(work)) == 0

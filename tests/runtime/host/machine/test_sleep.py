@@ -7,6 +7,7 @@ import pytest
 
 from runtime.host.machine.probe import Machine
 from runtime.host.machine.sleep import TARGETS, SleepInhibitor, can_sleep
+from tests.forking import exit_code, fork
 
 HELD = """#!/bin/sh
 echo "$@" > {folder}/arguments
@@ -62,10 +63,7 @@ def test_an_inhibitor_is_held_until_it_is_released(tmp_path, machine, monkeypatc
 
 def test_an_inhibitor_ends_with_the_process_that_holds_it(tmp_path, machine, monkeypatch):
     command(tmp_path, monkeypatch, HELD)
-    holder = os.fork()
-    if holder == 0:
-        os._exit(0 if SleepInhibitor("a robot is armed", machine).problem() == "" else 1)
-    assert os.waitpid(holder, 0)[1] == 0
+    assert exit_code(fork(lambda: SleepInhibitor("a robot is armed", machine).problem() != "")) == 0
     deadline = time.monotonic() + 5.0
     while not (tmp_path / "over").exists() and time.monotonic() < deadline:
         time.sleep(0.01)

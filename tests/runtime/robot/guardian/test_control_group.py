@@ -10,6 +10,7 @@ from contextlib import suppress
 import pytest
 
 from runtime.robot.guardian import control_group
+from tests.forking import exit_code, fork
 from tests.runtime.robot.guardian.bus import Bus, assert_nothing_is_left, guardian_of
 from tests.runtime.robot.guardian.test_stopping import DEATH
 from tests.runtime.stuck import family
@@ -107,15 +108,12 @@ def test_the_pre_flight_table_lists_the_privileges_of_the_guardian(bus, group):
 
 def in_a_child(group, action):
     """What a child process that starts in a group returns of an action, as its exit status."""
-    child = os.fork()
-    if child == 0:
-        status = 99
-        try:
-            (group / "cgroup.procs").write_text(str(os.getpid()))
-            status = action()
-        finally:
-            os._exit(status)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+    def work():
+        (group / "cgroup.procs").write_text(str(os.getpid()))
+        return action()
+
+    return exit_code(fork(work))
 
 
 def test_control_group_is_separate_and_removed_after_process_ends(group):
