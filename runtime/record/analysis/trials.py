@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runtime.host.arguments import is_iterable, is_path, is_set
 from runtime.host.errors import BadInput
 from runtime.host.optional_dependencies import need
 from runtime.record.analysis.table import table
@@ -34,10 +35,10 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
     Raises BadInput.
     """
     if not isinstance(path, (str, os.PathLike)):
-        paths = [os.fspath(entry) for entry in path] if isinstance(path, Iterable) else []
-        if not paths:
-            raise BadInput(f"load({path!r}): name a recording, a pattern, or several recordings")
-        return Trials([Trial(entry) for entry in heads(paths)])
+        paths = list(path) if is_iterable(path) else []
+        if not paths or not all(map(is_set(is_path), paths)):
+            raise BadInput(f"load({f'{path!r}':.300}): name a recording, a pattern, or several recordings")
+        return Trials([Trial(entry) for entry in heads([os.fspath(entry) for entry in paths])])
     path = os.path.expanduser(path)
     if os.path.exists(path) or not glob.has_magic(path):
         return Trial(newest(path))

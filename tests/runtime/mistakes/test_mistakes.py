@@ -148,6 +148,8 @@ CALLS = {  # {expression: message of its exception}
     "trial.to_csv('a.csv')": "convert its file with `python -m runtime convert FILE --to csv`",
     "trial.error": "read trial.fault",
     "load(3)": "load(3): name a recording, a pattern, or several recordings",
+    "load([1])": "load([1]): name a recording, a pattern, or several recordings",
+    "load(b'x')": "load(b'x'): name a recording, a pattern, or several recordings",
     "Butterworth(2, 20.0).step(1.0)": "butterworth needs a sampling period",
     "slew.step(9.0)": "slew_rate needs a sampling period",
     "Impedance().step(1.0)": "Impedance takes position, velocity",
