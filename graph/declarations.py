@@ -10,6 +10,7 @@ import math
 import re
 import sys
 from collections.abc import Sequence
+from copy import copy
 from types import EllipsisType
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, NoReturn, TypeAlias, TypedDict, TypeVar, overload
 
@@ -124,6 +125,12 @@ class Port(Declaration):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.unit!r})"
+
+    def with_unit(self: D, unit: str) -> D:
+        """Return a copy with another unit, for a port that `configure` declares again. Raises ValueError."""
+        port = copy(self)
+        vars(port)["unit"] = unit_of(unit, self.description, type(self).__name__)
+        return port
 
 
 class Input(Port):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from blocks.controllers.pid import in_unit
 from cext.kernels import learning as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.units import ANY, canonical
@@ -59,7 +58,7 @@ class IterativeLearning(Block):
     def configure(self) -> None:
         self.unit = canonical(self.unit)
         if self.unit != ANY:
-            self.outputs = self.outputs | {"command": in_unit(self.outputs["command"], self.unit)}
+            self.outputs = self.outputs | {"command": self.outputs["command"].with_unit(self.unit)}
         self.curve = self.sums = self.excess = [0.0] * (1 + 2 * self.harmonics)
 
     def output_range(self, **inputs: Interval) -> Interval | dict[str, Interval]:

@@ -7,9 +7,7 @@ unit of the command; the gains have matching units.
 
 from __future__ import annotations
 
-import copy
 import math
-from typing import Any
 
 from cext.kernels import pid as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
@@ -29,14 +27,7 @@ class _Controller(Block):
     def configure(self):
         self.unit = canonical(self.unit)
         if self.unit != ANY:
-            self.outputs = {"command": in_unit(self.outputs["command"], self.unit)}
-
-
-def in_unit(port: Any, unit: str) -> Any:
-    """Return a copy of a port that has another unit."""
-    port = copy.copy(port)
-    vars(port)["unit"] = unit
-    return port
+            self.outputs = {"command": self.outputs["command"].with_unit(self.unit)}
 
 
 class P(_Controller):
@@ -126,8 +117,8 @@ class PID(_Controller):
         super().configure()
         if self.unit != ANY:
             self.inputs = self.inputs | {
-                "manual_command": in_unit(self.inputs["manual_command"], self.unit),
-                "applied": in_unit(self.inputs["applied"], self.unit),
+                "manual_command": self.inputs["manual_command"].with_unit(self.unit),
+                "applied": self.inputs["applied"].with_unit(self.unit),
             }
         self.clamps = float(self.anti_windup == "clamping")
         self.winds_up = {"command": "applied"} if self.ki else {}
