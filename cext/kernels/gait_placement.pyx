@@ -20,7 +20,7 @@ cdef double MEAN_TIME = 0.6             # s, time constant of all means
 cdef double MOVING = 0.3                # standard deviation of the reference, left less right, from which legs move
 cdef double MOVED_TIME = 0.6            # s of motion before the first comparison
 cdef double RESUME_TIME = 1.0           # s of walking after a pause before the next comparison
-cdef double TURN_SHARE = 0.5            # of the standard deviation of the reference, left less right, beyond its mean
+cdef double LEAD_SHARE = 0.5            # of the standard deviation of the reference, left less right, beyond its mean
 cdef double COMPARED_TIME = 0.5         # s of comparison from which only samples of walking count
 cdef double FAULT_TIME = 0.2            # s of disagreement that are a fault,
 cdef double OWN_FAULT_TIME = 0.4        # and of one leg alone: the first steps and a turn move the legs unlike
@@ -61,22 +61,22 @@ cdef inline double correlation(double covariance, double one, double other) noex
     return covariance / sqrt(one * other) if one > 0.0 and other > 0.0 else 0.0
 
 
-cdef inline double turn(double *turns, double ahead, double least, double dt) noexcept nogil:
+cdef inline double stride_time(double *state, double ahead, double least, double dt) noexcept nogil:
     """Return the duration of the present stride so far, or of the last one if that is longer, in s.
 
-    turns : 1 while ahead, s of the last stride, and s of the present one, 0 while unknown; ahead : by how much a signal
+    state : 1 while ahead, s of the last stride, and s of the present one, 0 while unknown; ahead : by how much a signal
     is above its mean; least : amount that counts; dt : s of motion since the last tick
     """
-    if turns[2] > 0.0:
-        turns[2] += dt
+    if state[2] > 0.0:
+        state[2] += dt
     if ahead < -least:
-        turns[0] = 0.0
-    elif ahead > least and turns[0] == 0.0:
-        if turns[2] > 0.0:
-            turns[1] = turns[2]
-        turns[0] = 1.0
-        turns[2] = dt
-    return max(turns[1], turns[2])
+        state[0] = 0.0
+    elif ahead > least and state[0] == 0.0:
+        if state[2] > 0.0:
+            state[1] = state[2]
+        state[0] = 1.0
+        state[2] = dt
+    return max(state[1], state[2])
 
 
 cdef inline bint pauses(double enable, double dt, double *compared, double *resumed) noexcept nogil:
@@ -138,7 +138,7 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
         c += own[i] - m[CROSS + i] + m[Q + i] * m[X + 1 - i]
     agreement = correlation(c, spread_q, spread_x)
     arena[at.agreement] = agreement
-    turn(m + AHEAD, q[0] - q[1] - m[Q] + m[Q + 1], TURN_SHARE * sqrt(max(0.0, spread_q)), arena[DT])
+    stride_time(m + AHEAD, q[0] - q[1] - m[Q] + m[Q + 1], LEAD_SHARE * sqrt(max(0.0, spread_q)), arena[DT])
     if spread_q > MOVING * MOVING:
         m[MOVED] += arena[DT] / slow
     else:
@@ -253,15 +253,15 @@ cdef enum:
     POSTURES = 9                # s of comparison,
     PAUSE = 10                  # and of a pause
     BEFORE = 11                 # left and right, one tick before
-    LEFT_TURNS = 13             # see `turn`, of the left pitch about its mean,
-    RIGHT_TURNS = 16            # and of the right one
+    LEFT_STRIDE = 13            # see `stride_time`, of the left pitch about its mean,
+    RIGHT_STRIDE = 16           # and of the right one
 
 
 cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) noexcept nogil:
     cdef double *m = arena + at.means
     cdef double x[2]
     cdef double moved[2]
-    cdef double *turns
+    cdef double *state
     cdef double share, difference, slow, fault_time
     cdef double stride = 0.0
     cdef bint unmeasured = False
@@ -279,7 +279,7 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     elif m[POSTURES] > COMPARED_TIME:
         m[PAUSE] += dt
         if m[PAUSE] >= POSTURE_PAUSE:
-            m[TIME] = m[ASTRAY] = m[LEFT_TURNS + 2] = m[RIGHT_TURNS + 2] = 0.0
+            m[TIME] = m[ASTRAY] = m[LEFT_STRIDE + 2] = m[RIGHT_STRIDE + 2] = 0.0
         return OK
     # 1. Means of two stages, which weigh the first samples alike, and hardly contain the motion within a stride.
     m[TIME] += dt
@@ -287,9 +287,9 @@ cdef int posture_kernel(double *arena, const Posture *at, const Posture *sizes) 
     if m[TIME] > STAND_AFTER and max(fabs(x[0] - m[BEFORE]), fabs(x[1] - m[BEFORE + 1])) < STILL_RATE * dt:
         dt = 0.0
     for i in range(2):
-        turns = m + (RIGHT_TURNS if i else LEFT_TURNS)
-        stride = max(stride, turn(turns, x[i] - m[MEAN + i], CROSSING, dt))
-        unmeasured |= turns[1] == 0.0 and 0.0 < turns[2] < LONGEST_STRIDE
+        state = m + (RIGHT_STRIDE if i else LEFT_STRIDE)
+        stride = max(stride, stride_time(state, x[i] - m[MEAN + i], CROSSING, dt))
+        unmeasured |= state[1] == 0.0 and 0.0 < state[2] < LONGEST_STRIDE
     stride = min(LONGEST_STRIDE, stride)
     slow = max(1.0, stride / USUAL_STRIDE)
     share = dt / min(m[TIME], POSTURE_TIME * slow)
