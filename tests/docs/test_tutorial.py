@@ -28,7 +28,7 @@ def assert_shown(shown, printed, in_virtual_time=True):
         start = line.removesuffix(" ...")
         if line != "...":
             found = next((text for text in rest if same_text(line, text)), None)
-            assert found is not None, (line, printed)
+            assert found is not None, "\n".join([line, "is missing in:", *printed])
             assert start != line or not in_virtual_time or agree(line, found), (line, found)
 
 
