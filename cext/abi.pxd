@@ -108,7 +108,7 @@ cdef extern from *:
     #endif
     #define TICKWORK_EXPORT(kernel, items) tickwork_export((void *)(kernel), TICKWORK_SOURCES " " #kernel, items)
 
-    static CYTHON_UNUSED PyObject *tickwork_export(void *kernel, const char *text, PyObject *items) {
+    CYTHON_UNUSED static PyObject *tickwork_export(void *kernel, const char *text, PyObject *items) {
         PyObject *made = NULL, *module = PyImport_ImportModule("cext.kernel");
         PyObject *capsule = module ? PyCapsule_New(kernel, "int (double *, int32_t const *, int32_t const *)", NULL) : NULL;
         if (capsule && PyCapsule_SetContext(capsule, (void *)text) == 0)

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from sysconfig import get_path
 
 import numpy as np
 import pytest
@@ -21,11 +22,13 @@ from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Kernel, Memory, Output, Param, compile
 from graph.arena_layout import KernelTable
 from tests.cext.rigs import Rig
+from tests.soaking import soaked
 
 KERNEL = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32)
 )
 ITEMS = "u[...] y[...] leak held[...]"
+CEXT = Path(__file__).resolve().parents[2] / "cext"
 SIGNATURE = b"int (double *, int32_t const *, int32_t const *)"
 OTHER_SIGNATURE = b"double (double)"  # a capsule keeps the address of its name, not the name
 
@@ -207,10 +210,19 @@ def test_a_kernel_written_in_c_and_loaded_with_ctypes_runs(tmp_path):
     assert outcome.status == "ok" and rig["t.y"].tolist() == [2.0 * value for value in rig["s.y"]]
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("path", soaked(sorted(path.with_suffix(".c") for path in CEXT.rglob("*.pyx")), but=[0]))
+def test_generated_c_is_valid_in_the_standard_of_newer_compilers(path):
+    """GCC 15 and newer take C for C23, in which Cython's macro is an attribute: valid in fewer places."""
+    if not path.exists():
+        pytest.skip("compiled elsewhere")
+    words = ["cc", "-std=gnu2x", "-DCYTHON_UNUSED=[[maybe_unused]]", "-fsyntax-only", f"-I{get_path('include')}", path]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_every_status_has_its_own_number():
-    abi, others = (
-        (Path(__file__).resolve().parents[2] / "cext" / name).read_text() for name in ("abi.pxd", "status.pxd")
-    )
+    abi, others = ((CEXT / name).read_text() for name in ("abi.pxd", "status.pxd"))
     of_kernels = abi.split("return values of a kernel")[1].split("cdef enum")[0]
     numbers = [int(number) for number in re.findall(r"^    [A-Z_]+ = (\d+)", of_kernels + others, re.MULTILINE)]
     assert len(numbers) > 20 and len(numbers) == len(set(numbers))
