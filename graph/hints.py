@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 from typing import Any
@@ -50,11 +51,19 @@ def for_argument(kind: type[Any], name: str) -> str:
         return f"; it is a parameter: read self.{name}"
     if name in kind.outputs:
         return "; it is an output: return its value"
-    if name in vars(kind).get("__annotations__", {}):
+    if name in _annotations(kind):
         return f'; write `{name} = Input("1")`, with `=` instead of `:`'
     if getattr(kind, name, None) is Input:
         return f'; write `{name} = Input("1")`, with the unit in parentheses'
     return f"; declare it in the class, as in {name} = Input(unit)"
+
+
+def _annotations(kind: type[Any]) -> dict[str, Any]:
+    """Return the annotations of a class; none if they cannot be evaluated, as Python 3.14 does when they are read."""
+    try:
+        return inspect.get_annotations(kind)
+    except Exception:
+        return {}
 
 
 def in_second_parentheses(block: Any, inputs: str = "signal") -> str:
