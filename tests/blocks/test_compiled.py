@@ -189,7 +189,10 @@ REFUSED = {
     "spring.so has 3 inputs, and 2 are declared: angle, velocity": ("*inputs = 2", "*inputs = 3"),
     "its tickwork_sizes returns 2 inputs and -1 outputs": ("*outputs = 1", "*outputs = -1"),
     "tickwork_init(0.005) returned 9": ("0.0;\n    return 0", "0.0;\n    return 9"),
-    "undefined symbol: unknown": ("return 0;\n}\n\nint tickwork_step", "return unknown();}\n\nint tickwork_step"),
+    "undefined symbol: unknown": (
+        "return 0;\n}\n\nint tickwork_step",
+        "extern int unknown(void);\n    return unknown();}\n\nint tickwork_step",
+    ),
 }
 
 

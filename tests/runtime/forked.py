@@ -24,6 +24,7 @@ import threading
 import traceback
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 from runtime.host import child_process
@@ -183,6 +184,7 @@ class Server:
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()})"],
+                cwd=Path(__file__).parents[2],  # the test that needs it first may be beside a json.py of its own
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],

@@ -1,6 +1,7 @@
 """Diagram files: what they may be, what they may import, and what is said of those that cannot be used."""
 
 import os
+import re
 import sys
 
 import pytest
@@ -162,7 +163,7 @@ def test_a_binary_file_is_reported(tmp_path, refused, content):
 def test_a_file_in_another_encoding(tmp_path, refused):
     (tmp_path / "robot.py").write_bytes(b"a = 1\nb = '\xe9'\n")
     assert refused("robot.py").startswith("robot.py:")
-    assert "syntax error: (unicode error) 'utf-8' codec can't decode byte 0xe9" in refused("robot.py")
+    assert re.search(r"syntax error: (.*'utf-8' codec can't decode byte 0xe9|Non-UTF-8 code)", refused("robot.py"))
 
 
 def test_a_file_that_is_not_python_by_name(tmp_path, refused):
@@ -201,8 +202,8 @@ def test_an_exception_in_the_file_has_its_line(tmp_path, refused):
 
 
 def test_an_exception_in_build_has_the_users_innermost_line(tmp_path, refused):
-    write(tmp_path, "import math\n\ndef helper():\n    return math.sqrt(-1.0)\n\ndef build():\n    return helper()\n")
-    assert refused("robot.py") == "robot.py:4: ValueError: math domain error\n    return math.sqrt(-1.0)"
+    write(tmp_path, "import math\n\ndef helper():\n    return math.exp(1e3)\n\ndef build():\n    return helper()\n")
+    assert refused("robot.py") == "robot.py:4: OverflowError: math range error\n    return math.exp(1e3)"
 
 
 def test_an_exception_in_tickwork_is_reported_with_the_users_line(tmp_path, refused):
