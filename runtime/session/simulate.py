@@ -107,6 +107,7 @@ class SimulatedRun:
         self._own_rate = self._file.given.rate if self._file.given is not None else 0.0
         self._replaced: list[Replaced] = []
         self._lock, self._keep_rows, self._trial = threading.Lock(), keep_rows, None
+        self._taker: int | None = None  # thread that is about to take the lock
         self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
         self._events: list[dict[str, Any]] = []
         self._subject_undo = ExitStack()
@@ -180,6 +181,7 @@ class SimulatedRun:
     def advance(self, ticks: int) -> None:
         """Advance the run by a number of ticks. A fault ends it."""
         with self._alone():
+            self._taker = None
             last, going = self._done + ticks, True
             last = min(last, self._prepared.ramp.get("ends_at", last))
             while going:
@@ -198,9 +200,17 @@ class SimulatedRun:
         self.close()
 
     def _alone(self):
-        """Return the lock of the simulation: `with` takes it and keeps it without a point where Ctrl-C could come."""
+        """Return the lock of the simulation for `with`, whose block first clears `_taker`.
+
+        From Python 3.14 on, Ctrl-C can come when `with` has taken the lock and before it would release it.
+        """
         if self._lock.locked():
-            raise RuntimeError("the simulation is being advanced already, by another thread or by one of its blocks")
+            if self._taker != threading.get_ident():
+                raise RuntimeError(
+                    "the simulation is being advanced already, by another thread or by one of its blocks"
+                )
+            self._lock.release()
+        self._taker = threading.get_ident()
         return self._lock
 
     def __getitem__(self, path: str) -> Any:
@@ -345,6 +355,7 @@ class SimulatedRun:
         if self._trial is not None:
             return
         with self._alone():
+            self._taker = None
             try:
                 self._trial = self._finish()
             finally:
