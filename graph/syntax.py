@@ -8,7 +8,7 @@ import ast
 import threading
 from typing import Any
 
-_lock = threading.Lock()
+_lock = threading.RLock()  # which an interrupted `with` of Python 3.14 leaves to its own thread
 
 
 def parse(source: str | bytes, mode: str = "exec") -> Any:

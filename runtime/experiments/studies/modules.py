@@ -21,7 +21,7 @@ OWN = ("cext", "graph", "blocks", "runtime")
 INSTALLED = tuple(sysconfig.get_paths()[name] + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 _imported: dict[str, str] = {}  # {module: SHA-256 of the source that this process has imported}
-_lock = threading.Lock()
+_lock = threading.RLock()  # which an interrupted `with` of Python 3.14 leaves to its own thread
 
 
 def sources(diagram: Path, objectives: Iterable[str]) -> dict[str, str]:
