@@ -1,5 +1,6 @@
 """Constants that pages print are those of the code."""
 
+import inspect
 import math
 import re
 
@@ -246,7 +247,7 @@ def test_the_page_of_running_lists_the_exit_codes_of_the_code():
 
 
 def test_the_docstring_of_the_conformance_test_numbers_its_checks():
-    assert len(re.findall(r"^ *\d+\. ", check_block.__doc__, re.MULTILINE)) == 10
+    assert len(re.findall(r"^\d+\. ", inspect.getdoc(check_block), re.MULTILINE)) == 10
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def test_a_recording_of_the_wearer_is_found_beside_the_diagram(folders):
         ("/dev/null", "/dev/null is not a file: it is a pipe or a device"),
         (".", r"\. is a folder: name a file in it"),
         ("/nowhere/at/all.csv", "No such file or directory: '/nowhere/at/all.csv'"),
-        ("x" * 300, "File name too long|there is no x"),
+        ("x" * 300, "File name too long" if sys.version_info < (3, 14) else "there is no x+ in "),
         ("Läufer und Gänge.csv", "there is no Läufer und Gänge.csv in "),
     ],
 )

@@ -336,7 +336,11 @@ def test_existing_files_are_not_overwritten(command_line, recording):
 def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, words, made):
     rooms = copy_packages(tmp_path / "clone", built=False)
     process = python("-m", "runtime", *words.format(recording).split(), cwd=rooms)
-    remarks = [line for line in process.stderr.splitlines() if " filled in" not in line]
+    remarks = [
+        line
+        for line in process.stderr.splitlines()
+        if not re.search(r"1 missed tick filled in|\d samples? with nan or inf filled in", line)
+    ]
     assert remarks == [] or not made and "has no complete stride" in process.stderr, process.stderr
     assert not made or (rooms / made).stat().st_size > 1000
 
