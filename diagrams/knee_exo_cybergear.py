@@ -29,7 +29,9 @@ def build(side="left", assistance=1.0):
             knee = RobStride("CyberGear", bus="knee", invert=side == "right", name="knee")
             thigh, shank = imu("thigh", "133941"), imu("shank", "133942")
             bend = flexion("knee", thigh, shank)
-            placement = SensorPlacement("IMUs of thigh and shank", "knee drive", one_leg=True, name="placement")
+            placement = SensorPlacement(
+                "IMUs of thigh and shank", "knee drive", one_leg=True, least=0.8, name="placement"
+            )
             placement(left_reference=knee.velocity, left=bend.velocity)
             posture = SegmentPosture(
                 "flexion from the IMUs of thigh and shank", "that of the knee drive", name="posture"

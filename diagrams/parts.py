@@ -180,7 +180,8 @@ def placed(sensors, signals, reference, references, **options):
     and `enable`
     """
     enable = {"enable": options.pop("enable")} if "enable" in options else {}
-    monitor = SensorPlacement(sensors, reference, name=f"{sensors.replace(' ', '_')}_placement", **options)
+    options.setdefault("name", f"{sensors.replace(' ', '_')}_placement")
+    monitor = SensorPlacement(sensors, reference, **options)
     inputs = signals | {f"{side}_reference": signal for side, signal in references.items()}
     monitor(**inputs, **enable)
 

@@ -16,14 +16,17 @@ class SensorPlacement(Block):
     names the sensors after 0.2 s (exchanged) or 0.4 s in which, and while the legs have moved for 0.6 s and `enable` is
     true,
 
-        exchanged    agreement < −0.1, and neither sensor has a correlation above 0.3 with the reference of its leg
+        exchanged    agreement < `least`, and neither sensor has a correlation above 0.3 with the reference of its leg
         upside down  correlation of a sensor with that < −0.3
         turned       variance of a sensor below 0.06 of that of the other leg, whose reference moves alike
 
     A thigh moves with its hip drive in any motion. In walking only, a foot moves with its shank, and a shank is
     `opposite` to its knee drive, as thigh and shank are to the load on the foot: connect `enable` to the `walking` of a
     GaitState. With `one_leg`, leave the inputs of the right leg unconnected, and compare the difference of the rates of
-    thigh and shank with the knee drive, which are the same: they disagree below 0.8.
+    thigh and shank with the knee drive, which are the same: let `least` be 0.8.
+
+    Exchanged ids of drives stay so. With an `averaging` of a few seconds, only exchanged sensors are a fault, if the
+    mean agreement since the first comparison, or over this time, is below `least`: a turn in a walk is none.
 
     After 0.5 s of comparison, samples count only while `enable` is true, and are compared 1 s after it has become true:
     a stand and the step that ends it do not count. With strides of 1.1 to 3 s, these times grow in proportion.
@@ -37,8 +40,11 @@ class SensorPlacement(Block):
     opposite = Param(
         False, "1", "true if sensor and reference move in opposite directions", dtype=bool, fixed=True, kernel=False
     )
-
     one_leg = Param(False, "1", "true to compare the sensors of one leg", dtype=bool, fixed=True, kernel=False)
+    least = Param(-0.1, "1", "agreement below which sensors are exchanged", min=-1.0, max=1.0, fixed=True)
+    averaging = Param(
+        0.0, "s", "time of comparison over which the agreement is averaged", min=0.0, max=60.0, fixed=True
+    )
 
     left_reference = Input("any", "signal of the left leg that is known to be of the left leg")
     right_reference = Input("any", "the same of the right leg", default=0.0)
@@ -47,15 +53,13 @@ class SensorPlacement(Block):
     enable = Input("1", "false suspends the comparison", dtype=bool, default=True)
     agreement = Output("1", "correlation of sensors and references, left less right")
     sign = Memory(1.0, "sign of the correlation")
-    limit = Memory(-0.1, "agreement below which sensors are exchanged")
-    moments = Memory((0.0,) * 21, "moments of sensors and references, times of motion and of disagreement")
+    moments = Memory((0.0,) * 23, "moments of sensors and references, times of motion and of disagreement")
 
     kernel = kernels.placement
     free_units = ("left_reference", "right_reference")
 
     def configure(self) -> None:
         self.sign = -1.0 if self.opposite else 1.0
-        self.limit = 0.8 if self.one_leg else -0.1
 
     def fault_text(self, status: int) -> str:
         """Return which sensors are misplaced, and what to do."""

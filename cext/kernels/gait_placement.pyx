@@ -33,10 +33,11 @@ cdef double MOVING_SHARE = 0.25         # while its reference has this share
 cdef struct Placement:
     int32_t left_reference, right_reference, left, right, enable, agreement
     int32_t sign                # -1 if sensor and reference move in opposite directions
-    int32_t limit               # agreement below which sensors are exchanged
+    int32_t least               # agreement below which sensors are exchanged
+    int32_t averaging           # s of comparison over which the agreement is averaged; 0 for none
     int32_t moments             # see below
 
-PLACEMENT = items((<Placement *>ITEMS)[0], "moments[21]")
+PLACEMENT = items((<Placement *>ITEMS)[0], "moments[23]")
 
 cdef enum:
     Q = 0                       # means of both references,
@@ -54,6 +55,8 @@ cdef enum:
     AHEAD = 18                  # 1 while the left reference is ahead of the right one
     LAST_STRIDE = 19            # s between the last two times at which it came ahead,
     SINCE_AHEAD = 20            # and since the last one, 0 without it
+    JUDGED = 21                 # s over which the agreement was averaged,
+    AVERAGE = 22                # and its average
 
 
 cdef inline double correlation(double covariance, double one, double other) noexcept nogil:
@@ -149,13 +152,19 @@ cdef int placement_kernel(double *arena, const Placement *at, const Placement *s
     for i in range(2):
         own[i] = correlation(own[i], vq[i], vx[i])
     # 3. Exchanged sensors disagree on both legs, a reversed one on its own; a turned one hardly moves.
-    if agreement < arena[at.limit] and max(own[0], own[1]) < max(arena[at.limit], FOLLOWING_LIMIT):
+    if arena[at.averaging] > 0.0:
+        m[JUDGED] += arena[DT] / slow
+        m[AVERAGE] += (agreement - m[AVERAGE]) * arena[DT] / (slow * min(m[JUDGED], arena[at.averaging]))
+        if m[AVERAGE] < arena[at.least]:
+            status = EXCHANGED
+    elif agreement < arena[at.least] and max(own[0], own[1]) < max(arena[at.least], FOLLOWING_LIMIT):
         status = EXCHANGED
-    for i in range(2):
-        if status == OK and vx[i] < STILL_SHARE * vx[1 - i] and vq[i] > MOVING_SHARE * vq[1 - i]:
-            status = RIGHT_STILL if i else LEFT_STILL
-        elif status == OK and own[i] < REVERSED_LIMIT:
-            status = RIGHT_REVERSED if i else LEFT_REVERSED
+    else:
+        for i in range(2):
+            if status == OK and vx[i] < STILL_SHARE * vx[1 - i] and vq[i] > MOVING_SHARE * vq[1 - i]:
+                status = RIGHT_STILL if i else LEFT_STILL
+            elif status == OK and own[i] < REVERSED_LIMIT:
+                status = RIGHT_REVERSED if i else LEFT_REVERSED
     m[WRONG] = m[WRONG] + arena[DT] / slow if status != OK else 0.0
     return status if m[WRONG] > (FAULT_TIME if status == EXCHANGED else OWN_FAULT_TIME) else OK
 

@@ -81,22 +81,40 @@ HIPS = ["hip_exo", "hip_exo_teensy", "hip_exo_1dof", "hip_exo_2dof", "hip_knee_e
 @pytest.mark.parametrize("alike", [False, True], ids=["mirrored", "alike"])
 def test_drives_with_exchanged_ids_end_the_run_before_any_torque(robot, alike):
     """Mirrored drives leave the range of their joint; drives that are mounted alike disagree with the thighs."""
+    drives, trial = exchanged_ids(robot, ("can_id", "invert", "offset")[: 3 if alike else 1], RANGES)
+    assert trial.outcome.status == ("kernel status 64" if alike else "over-travel"), trial.outcome
+    assert max(np.abs(trial[f"{name}.torque_sent"]).max() for name in drives) < 0.01  # N·m
+
+
+@pytest.mark.hazard("H12f")
+@pytest.mark.parametrize("alike", [False, True], ids=["mirrored", "alike"])
+def test_ankle_drives_with_exchanged_ids_end_the_run_while_torque_fades_in(alike):
+    """Also without a range: both ankles move against the knees, or each against the load on its foot."""
+    drives, trial = exchanged_ids("ankle_exo", ("can_id", "invert", "offset")[: 3 if alike else 1])
+    assert trial.outcome.status == "kernel status 64", trial.outcome
+    culprit = "ankle_drives_placement" if alike else "ankle_drives_direction"
+    assert str(trial.outcome.culprit).startswith(culprit), trial.outcome
+    assert trial.time[-1] - trial.time[trial["state.walking"] > 0.0][0] < 0.3  # s, of 0.5 s
+    assert max(np.abs(trial[f"{name}.torque_sent"]).max() for name in drives) < 4.0  # N·m, of 38
+
+
+def exchanged_ids(robot, properties, ranges=None):
+    """Return {name: drive} and the trial of a robot whose drives of left and right have exchanged properties."""
     file, diagram = load(path(robot))
     plant = build_plant(file, diagram)  # has the ids and the mounting of the table
     drives: dict[str, Any] = {block.path: block for block in diagram if isinstance(block, Actuator)}
     for name, left in drives.items():
-        left.range = RANGES[name.rpartition("/")[2]]
+        if ranges:
+            left.range = ranges[name.rpartition("/")[2]]
         if name.startswith("left"):
             right = drives[name.replace("left", "right")]
-            for own in ("can_id", "invert", "offset")[: 3 if alike else 1]:
+            for own in properties:
                 here, there = getattr(left, own), getattr(right, own)
                 setattr(left, own, there)
                 setattr(right, own, here)
     for block in drives.values():
         block.reconfigure()
-    trial = run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
-    assert trial.outcome.status == ("kernel status 64" if alike else "over-travel"), trial.outcome
-    assert max(np.abs(trial[f"{name}.torque_sent"]).max() for name in drives) < 0.01  # N·m
+    return drives, run(diagram, round(8.0 * diagram.rate), plant=plant, substeps=5)
 
 
 @pytest.mark.hazard("H12f")

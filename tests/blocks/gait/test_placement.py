@@ -56,6 +56,17 @@ def test_correct_sensors_agree_and_a_disabled_comparison_reports_nothing():
     assert trial.outcome.status == "ok" and trial["monitor.agreement"][200:].max() < -0.99
 
 
+@pytest.mark.parametrize("sign, least, status", [(1.0, 0.8, "ok"), (-1.0, -0.3, "kernel status 64")])
+def test_one_sensor_is_compared_with_one_reference(sign, least, status):
+    [leg] = [leg for leg in legs(shared("gait/healthy_young.csv"), {}) if leg.name == "left"]
+    rate = play(leg, "steady", RATE).signals["thigh_velocity"]
+    with Diagram("placement", RATE) as diagram:
+        monitor = SensorPlacement("ankle drives", "knees", one_leg=True, least=least, name="monitor")
+        monitor(left=player(sign * rate, "rad/s"), left_reference=player(rate, "rad/s"))
+    assert run(diagram, int(10.0 * RATE)).outcome.status == status
+    assert "the ankle drives do not move as the knees" in monitor.fault_text(64)
+
+
 @pytest.mark.hazard("H12f")
 @pytest.mark.parametrize("stiff", [1.0, 0.6, 0.5, 0.4, 0.3])
 @pytest.mark.parametrize("exchanged", [None, "left", "right"])
