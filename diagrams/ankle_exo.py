@@ -21,7 +21,7 @@ An ankle that turns faster than 16.6 rad/s, or 9.9 rad/s with a CyberGear, ends 
 
 from blocks.gait import BiologicalTorque, PeakProfile
 from blocks.limiters import Saturation
-from blocks.mathematics import Gain, Max, Min, Sum
+from blocks.mathematics import Gain, Max, Min
 from blocks.recorders import CsvRecorder
 from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
@@ -31,6 +31,7 @@ from parts import (
     SIDES,
     assist,
     drive,
+    driven,
     flexion,
     imu,
     insole,
@@ -63,12 +64,11 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
     limit = min(LIMITS[name] for name in models.values())
     with Diagram("ankle_exo", rate=200) as diagram:
         imu("pelvis", "133960")
-        thighs, shanks, knees, bounds, soles, loads, ankles = ({} for _ in range(7))
+        thighs, shanks, bounds, soles, loads, ankles = ({} for _ in range(6))
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
                 thighs[side], shanks[side] = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
-                knees[side] = flexion("knee", thighs[side], shanks[side])
-                torque = leg_torque("ankle", knees[side], thighs[side], mass)
+                torque = leg_torque("ankle", flexion("knee", thighs[side], shanks[side]), thighs[side], mass)
                 bounds[side] = Min()(BiologicalTorque(0.5, delay=0.0, name="bound")(torque), 0.0)
                 soles[side] = insole(side).load
                 loads[side] = Saturation(0.0, 1.0, name="load")(soles[side] / FULL_LOAD)
@@ -90,22 +90,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
         placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
         ordered(walking, thigh=thighs, shank=shanks)
-        driven(ankles, knees, soles, walking)
+        driven("ankle", ankles, "insoles", soles, thighs, shanks, walking)
         CsvRecorder()
         PlotJuggler()
     return diagram
-
-
-def driven(ankles, knees, loads, walking):
-    """End the run if the drives of the ankles have exchanged ids, or turn the other way than the joints.
-
-    An ankle is dorsiflexed while its foot bears load, unlike that of the other leg; both together plantarflex while the
-    knees flex, also where each drive measures the negative angle of the other leg.
-    """
-    angles = {side: ankle.position for side, ankle in ankles.items()}
-    both = {"left": Sum("++", name="ankles")(*angles.values())}
-    knees = {"left": Sum("++", name="knees")(*rates(knees).values())}
-    options = {"averaging": 5.0, "enable": walking}
-    direction = {"opposite": True, "one_leg": True, "name": "ankle_drives_direction"}
-    placed("ankle drives", angles, "insoles", loads, least=-0.45, **options)
-    placed("ankle drives", both, "knees", knees, least=-0.3, **direction, **options)

@@ -13,7 +13,20 @@ from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, ordered, placed, rates, walk
+from parts import (
+    SEGMENTS,
+    SIDES,
+    assist,
+    drive,
+    driven,
+    hip_assistance,
+    imu,
+    learned_gait,
+    ordered,
+    placed,
+    rates,
+    walk,
+)
 from wearer import wearer as plant  # noqa: F401
 
 
@@ -27,7 +40,7 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
     with Diagram("hip_exo_2dof", rate=200) as diagram:
         imu("trunk", "133910")
         imu("pelvis", "133911")
-        thighs, shanks, feet, loads, stances, hips = ({} for _ in range(6))
+        thighs, shanks, feet, loads, stances, hips, abductors = ({} for _ in range(7))
         for number, side in enumerate(SIDES):
             with subsystem(side):
                 segments = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
@@ -42,12 +55,14 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
                 hips[side] = drive(side, "hip", 1 + 2 * number)
                 assist(hips[side], torques[side], walking, leg)
                 held = TorqueGate(fade_in=0.1, fade_out=0.05, name="stance_gate")(u=support, enable=stances[side])
-                assist(drive(side, "abduction", 2 + 2 * number), held, walking, leg)
+                abductors[side] = drive(side, "abduction", 2 + 2 * number)
+                assist(abductors[side], held, walking, leg)
         placed("thigh IMUs", rates(thighs), "hip drives", rates(hips))
         placed("resistors", loads, "thigh IMUs", rates(thighs), opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "resistors", loads, opposite=True, enable=walking)
         placed("foot IMUs", rates(feet), "shank IMUs", rates(shanks), enable=walking)
         ordered(walking, thigh=thighs, shank=shanks, foot=feet)
+        driven("abduction", abductors, "resistors", loads, thighs, shanks, walking, opposite=True)
         CsvRecorder()
         PlotJuggler()
     return diagram

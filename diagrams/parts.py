@@ -202,6 +202,25 @@ def ordered(walking, **segments):
         posture(**{side: motion.angle for side, motion in motions.items()}, enable=walking)
 
 
+def driven(joint, drives, sensors, loads, thighs, shanks, walking, opposite=False):
+    """End the run if the drives of a joint have exchanged ids, also if they are mounted in mirror image.
+
+    joint, sensors : their names in the fault; drives, loads, thighs, shanks : {side: drive, load on the foot, Motion}
+    opposite : true for abduction
+
+    While its foot bears load, an ankle is dorsiflexed, and a hip adducted, unlike those of the other leg. Both ankles
+    plantarflex, and both hips abduct, while the knees flex: the sum of both angles shows the direction of the drives.
+    """
+    angles = {side: drive.position for side, drive in drives.items()}
+    both = Sum("++", name=f"both_{joint}s")(*angles.values())
+    velocities = (velocity for segments in (thighs, shanks) for velocity in rates(segments).values())
+    knees = Sum("++--", name="both_knees")(*velocities)
+    options = {"averaging": 5.0, "enable": walking}
+    placed(f"{joint} drives", angles, sensors, loads, opposite=opposite, least=-0.45, **options)
+    options |= {"opposite": not opposite, "one_leg": True, "name": f"{joint}_drives_direction"}
+    placed(f"{joint} drives", {"left": both}, "knees", {"left": knees}, least=-0.45, **options)
+
+
 def drive(side, joint, can_id, model="AK80-9", **parameters):
     """Return the actuator of a joint. Those of the right leg are mounted in mirror image."""
     return Actuator(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)

@@ -6,9 +6,12 @@ resistors left/heel and, if it has a second channel, left/forefoot.
 """
 
 from contextlib import nullcontext
+from math import cos, pi, radians, sin
 
+from blocks.discrete import Derivative
 from blocks.models import Limb
 from blocks.sensors import ADS1115, NAU7802
+from blocks.tables import LookupTable1D
 from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, stack, subsystem
 from parts import CUFF_LEVER
@@ -21,6 +24,9 @@ PLACES = {
     "shank": (0.2, 0.05),
     "foot": (0.03, 0.08),
 }
+# Hip abduction about its mean in walking: cosine and sine of three harmonics of the stride, in degrees, of two adults
+# (Sy et al. 2021, sample of gaittoolbox; OpenSense example of OpenSim).
+ABDUCTION = ((0.6, -4.1), (0.3, 1.2), (1.5, -0.8))
 RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
@@ -57,12 +63,14 @@ def actuator(device, name, body, cell):
     """Emulate an actuator and return its torque. body : {output of the Walker without the side: signal}
 
     cell : the load cell between the limb and its cuff, or None. The adult walks in the sagittal plane; in the frontal
-    plane the muscles hold the leg.
+    plane the muscles hold the leg about a usual motion.
     """
     emulated = device.emulator(name=name)
     if name == "abduction":
         frontal = Limb(inertia=2.0, name="frontal_plane")(torque=emulated.torque)
-        emulated(position=frontal.position, velocity=frontal.velocity)
+        usual = LookupTable1D(*abduction(), unit="rad", name="usual_abduction")(body["phase"])
+        velocity = Derivative(0.01, name="abduction_velocity")(usual)
+        emulated(position=frontal.position + usual, velocity=frontal.velocity + velocity)
     elif cell is None:
         emulated(position=body[f"{name}_angle"], velocity=body[f"{name}_velocity"])
     else:
@@ -71,6 +79,16 @@ def actuator(device, name, body, cell):
         emulated(position=cuff.position, velocity=cuff.speed)
         cell.emulator(name=f"{name}_cell")(force=cuff.measured)
     return emulated.torque
+
+
+def abduction(points=100):
+    """Return gait phases, and hip abduction in rad at them."""
+    phases = [point / points for point in range(points + 1)]
+    angles = [
+        sum(a * cos(2.0 * pi * n * phase) + b * sin(2.0 * pi * n * phase) for n, (a, b) in enumerate(ABDUCTION, 1))
+        for phase in phases
+    ]
+    return phases, [radians(angle) for angle in angles]
 
 
 def sensor(robot, device, name, body):
