@@ -175,11 +175,19 @@ def test_emulated_drives_end_with_their_benchmark(tmp_path, number):
     assert not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
 
 
+SLOW_LAW = """import os, time
+        if tick == 20:
+            open("there", "w").close()
+        if os.path.exists("slow"):
+            time.sleep(1e-3)
+        return 1.0"""
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A recording of two minutes; its robot touches the file `there` in tick 20."""
+    """A recording of two minutes; its robot touches the file `there` in tick 20, and is slow where it finds `slow`."""
     folder = tmp_path_factory.mktemp("recording")
-    path = knee(folder, "tick >= 20 and open('there', 'w').close(); return 1.0")
+    path = knee(folder, SLOW_LAW)
     assert finished(path, "--fast", "--duration", "120", cwd=folder).returncode == 0
     [recording] = (folder / "recordings").glob("*.mcap")
     return recording
@@ -189,13 +197,14 @@ def recording(tmp_path_factory):
 def test_a_replay_that_is_interrupted_leaves_no_file(recording, tmp_path, number):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
+    (tmp_path / "slow").touch()
     cold = number == signal.SIGINT  # for which Python itself installs a handler
     process = started("replay", recording, cwd=tmp_path, cold=cold, env=environment(TMPDIR=str(scratch)))
     await_file(tmp_path / "there")
     took(process, number)
     _, err = process.communicate()
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
-    assert not list(scratch.iterdir()) and {path.name for path in tmp_path.iterdir()} == {"scratch", "there"}
+    assert not list(scratch.iterdir()) and {path.name for path in tmp_path.iterdir()} == {"scratch", "slow", "there"}
 
 
 SLOW_SINK = """
