@@ -8,6 +8,7 @@ import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of 
 if __name__ == "__main__" and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)  # ends the process until runtime.host.ending is imported
 
+import gc
 import os
 import sys
 
@@ -29,6 +30,7 @@ def main(folder: "str | None" = FOLDER) -> None:
     folder : the folder that Python had put first on the path, None if it had not
     """
     ending.leave_on_signals()
+    gc.disable()  # each pass would visit all that a start imports, and find no garbage; see runtime.cli.main.run
     occupy_standard_streams()
     run_mark.set_mark()
     try:

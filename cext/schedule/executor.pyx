@@ -241,9 +241,10 @@ cdef class Executor(Waiting):
     cdef void enter(self):
         """Take the signals, and outside of another program the collector and the switch interval, until `leave`."""
         self.switching = sys.getswitchinterval()
-        self.collecting = gc.isenabled()
+        self.collecting = not self.hosted and gc.isenabled()
         if not self.hosted:
             sys.setswitchinterval(min(self.switching, SWITCH))
+        if self.collecting:
             gc.collect()
             gc.disable()
         begin_run()
@@ -262,8 +263,8 @@ cdef class Executor(Waiting):
         self.signals.give_back()
         if not self.hosted:
             sys.setswitchinterval(self.switching)
-            if self.collecting:
-                gc.enable()
+        if self.collecting:
+            gc.enable()
 
     cdef void arm_and_loop(self, int64_t ticks, double fade, double arming_timeout):
         """Arm, then run the ticks. Leaves `status`, and the devices that did not reply."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import signal
 import sys
 from collections.abc import Sequence
@@ -165,6 +166,8 @@ def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
     folder : as in `main`
     """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
+    if name != "run":  # which collects no garbage before its first tick, nor during its ticks
+        gc.enable()
     problem = installation_check.namesake(folder)  # after the imports that this command needs
     if problem is not None:
         raise BadInput(problem)

@@ -307,6 +307,14 @@ def test_check_rejects_every_rig_that_run_rejects(command_line):
         assert code == CHECK_FAILED and said in out and "the diagram cannot run" in out and not err
 
 
+@pytest.mark.parametrize("words, collects", [((), False), (("check",), True)], ids=["run", "check"])
+def test_a_run_starts_without_garbage_collection_and_other_commands_collect(tmp_path, words, collects):
+    write(tmp_path, f"import gc\n\nprint('collects', gc.isenabled())\n{KNEE.format(law='return 0.0')}")
+    options = () if words else ("--fast", "--duration", "0.1")
+    process = finished(*words, "robot.py", *options, cwd=tmp_path, cold=True)
+    assert process.returncode == OK and f"collects {collects}\n" in process.stdout, process
+
+
 def test_warnings_do_not_prevent_a_run(command_line):
     idle = "    Law(name='idle')(knee.position, knee.velocity)"
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", idle))
