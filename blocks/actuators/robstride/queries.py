@@ -34,6 +34,7 @@ VERSION_PURPOSE = "stop and version of RobStride drives"
 COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
 HOST = 0xFD
 ATTEMPTS, REPLY_TIMEOUT, TWIN_TIMEOUT = 2, 0.1, 0.01  # number; s for the first reply; s for that of a second drive
+STOPS = 4  # attempts, of 0.1 s each: longer than a loose plug has no contact
 VERSION = bytes([0x00, 0xC4])
 POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
 SMALL = 0.5  # rad, position from which on a code shows its range to 0.1 %
@@ -205,7 +206,7 @@ def details(answer: Answer) -> Dialogue:
     can_id = answer.can_id
     if answer.remarks:  # several drives
         return answer
-    found = yield from ask(stop(can_id), STOP_PURPOSE, feedback_of(can_id))
+    found = yield from ask(stop(can_id), STOP_PURPOSE, feedback_of(can_id), attempts=STOPS)
     if found is None:
         silent = "it does not answer a stop: temperature and faults are not known"
         found = Answer(EITHER, can_id, remarks=[silent], block="RobStride")

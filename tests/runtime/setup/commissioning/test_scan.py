@@ -127,6 +127,24 @@ def test_no_frame_of_scan_enables_a_drive(command_line):
     assert {identifier & 0xFF for identifier, extended, _ in heard if extended and identifier >> 24 == 0x18} == {0xF9}
 
 
+class Loose(Private):
+    """A drive whose plug has no contact for 0.3 s from its first stop on."""
+
+    since = None
+
+    def hear(self, identifier, extended, data):
+        if identifier >> 24 == 4 and self.since is None:
+            self.since = time.monotonic()
+        return [] if self.since and time.monotonic() - self.since < 0.3 else super().hear(identifier, extended, data)
+
+
+def test_a_drive_that_misses_three_stops_is_asked_again(command_line):
+    with Nodes(97, Loose(9)) as nodes:
+        code, report = found(command_line, nodes, "--ids", "9")
+    [drive] = report["drives"]
+    assert code == OK and drive["temperature"] == 36.5 and not drive["remarks"]
+
+
 class Odd(Mit):
     """Replies cut to `length` bytes, with `name` in byte 0."""
 
