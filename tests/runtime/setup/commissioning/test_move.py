@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import runtime
 from blocks.actuators.robstride import models
 from graph import DiagramError, compile
 from runtime.host.errors import BAD_INPUT, FAULT, OK
@@ -105,35 +106,34 @@ def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_p
     assert commands(drive)[-1] == DISABLE
 
 
+TRIES = 4  # until a run reaches its peak, of 0.1 s: another process may have the processor then
+
+
 @pytest.mark.soak
 def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path):
-    drive = Private(9)
-    with Nodes(64, drive) as nodes:
-        process = finished(
-            "move",
-            "9",
-            "--model",
-            "RS02",
-            *nodes.words,
-            "--velocity",
-            "1",
-            "--duration",
-            "1",
-            "--yes",
-            "--no-record",
-            cwd=tmp_path,
-        )
-    assert process.returncode == OK, process.stderr
-    limits = robstride_reference.ranges(models.find("RS02"))
-    orders = [
-        robstride_reference.read_command(limits, (0x80000000 | identifier, data))
-        for identifier, _, data in drive.heard
-        if identifier >> 24 == 1
-    ]
-    # of 0.6 N·m·s/rad the limit of a tenth of 6 N·m leaves 2 limit / (a (age + 2 periods)), a = 500 rad/s²
-    assert 0.15 < max(law_torque(order, 0.25) for order in orders) < 0.24
-    assert max(order["damping"] for order in orders) <= 0.6 and {order["stiffness"] for order in orders} == {0.0}
-    assert "36 °C        none" in process.stderr and drive.mode == 0
+    for number in range(TRIES):
+        drive = Private(9)
+        told = ["move", "9", "--model", "RS02", "--velocity", "1", "--duration", "1", "--yes"]
+        with Nodes(64, drive) as nodes:
+            process = finished(*told, *nodes.words, "--record", f"out{number}", cwd=tmp_path)
+        assert process.returncode == OK, process.stderr
+        limits = robstride_reference.ranges(models.find("RS02"))
+        orders = [
+            robstride_reference.read_command(limits, (0x80000000 | identifier, data))
+            for identifier, _, data in drive.heard
+            if identifier >> 24 == 1
+        ]
+        # of 0.6 N·m·s/rad the limit of a tenth of 6 N·m leaves 2 limit / (a (age + 2 periods)), a = 500 rad/s²
+        [recording] = (tmp_path / f"out{number}").glob("*.mcap")
+        allowed = 2 * 0.6 / (500 * (runtime.load(recording)["actuator.age"] + 2 / 200))
+        largest = max(law_torque(order, 0.25) for order in orders)
+        assert largest < allowed.max() + 1e-3
+        assert max(order["damping"] for order in orders) <= 0.6 and {order["stiffness"] for order in orders} == {0.0}
+        assert "36 °C        none" in process.stderr and drive.mode == 0
+        if largest > 0.95 * np.median(allowed):
+            break
+    else:
+        pytest.fail(f"at most {largest:.4f} of {np.median(allowed):.4f} N·m in {TRIES} runs")
 
 
 @pytest.mark.soak
