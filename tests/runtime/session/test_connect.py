@@ -180,7 +180,7 @@ def test_pass_that_takes_too_long_is_a_fault_of_the_run(bus):
 
 @paced
 def test_fault_of_a_drive_ends_the_loop_with_its_report(bus):
-    with runtime.connect("robot.py", rig="lab.toml", yes=True, stop_for=0.5) as robot:
+    with runtime.connect("robot.py", rig="lab.toml", yes=True, loop_timeout=1.0, stop_for=0.5) as robot:
         with pytest.raises(RunFault, match="no reply for longer than its timeout"):
             for tick in robot:
                 if tick >= 50:  # a busy machine may skip tick 50
