@@ -84,8 +84,7 @@ def build(model="AK80-9", right_model="", mass=70.0, peak_torque=0.54, peak_time
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):
                 torque = Max(name="bounded")(torques[number], bounds[side]) * loads[side]
-                model = models[side]
-                ankles[side] = drive(side, "ankle", number + 1, model, limit="peak", gear_ratio=TRANSMISSION)
+                ankles[side] = drive(side, "ankle", number + 1, models[side], limit="peak", gear_ratio=TRANSMISSION)
                 assist(ankles[side], torque, walking, leg, limit=limit, slew=2000.0, uncertainty=leg.uncertainty)
         placed("thigh IMUs", rates(thighs), "insoles", soles, opposite=True, enable=walking)
         placed("shank IMUs", rates(shanks), "insoles", soles, opposite=True, enable=walking)
