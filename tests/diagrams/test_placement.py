@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 import runtime
 from blocks.wearer import SegmentIMU
-from graph import Actuator
+from graph import Actuator, Device
 from runtime.robot.loading.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams.robots import path
@@ -96,6 +96,13 @@ def test_drives_that_no_segment_shows_with_exchanged_ids_end_the_run_while_torqu
     assert trial.outcome.culprit == f"{joint}_drives_{'placement' if alike else 'direction'}"
     assert trial.time[-1] - trial.time[trial["state.walking"] > 0.0][0] < 0.3  # s, of 0.5 s
     assert max(np.abs(trial[f"{name}.torque_sent"]).max() for name in drives) < 4.0  # N·m, of 38 and 5
+
+
+@pytest.mark.parametrize("robot", ["knee_exo", "hip_exo_bilateral", "hip_exo_metamobility"])
+def test_robots_whose_exchanged_drives_are_not_found_have_no_sensor_on_the_legs(robot):
+    _, diagram = load(path(robot))
+    worn = [block for block in diagram if isinstance(block, Device) and block.path.startswith(SIDES)]
+    assert len(worn) == 2 and all(isinstance(block, Actuator) for block in worn)
 
 
 def exchanged_ids(robot, properties, ranges=None, joint=""):
